@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.output.plots import new_figure, prefixed_unit
+from skfem_joint.output.plots import new_panels, prefixed_unit
 from skfem_joint.study.backbone_peaks import BackbonePeak, backbone_errors
 from skfem_joint.study.scene_response import SceneResponse
 from skfem_joint.vibration.response_curve import Curve
@@ -66,8 +66,8 @@ def peak_lines(peaks: Sequence[BackbonePeak]) -> list[str]:
 
 def peaks_figure(response: SceneResponse, peaks: Sequence[BackbonePeak]) -> Figure:
     """Amplitude over frequency at each level, its peaks, and the backbones, with their errors."""
-    figure = new_figure(7.5, 5.0)
-    panel, most = figure.subplots(), response.models[0].largest
+    figure, (panel,) = new_panels(7.5, 5.0)
+    most = response.models[0].largest
     drawn = drawn_curves(response)
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for _, column, _ in drawn])
     for curve, column, look in drawn:
@@ -97,7 +97,6 @@ def peaks_figure(response: SceneResponse, peaks: Sequence[BackbonePeak]) -> Figu
     panel.set_xlim(low, high)
     panel.set_title(response.scene.system().points[most], loc="left")
     panel.legend(fontsize="small")
-    panel.grid(alpha=0.3)
     return figure
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from skfem_joint.output.backbone_peaks import (
     peaks_figure,
 )
 from skfem_joint.output.drawing.shapes import shapes_figure
-from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
+from skfem_joint.output.plots import new_panels, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import adding, writing
 from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.output.universal import over_one_force, scene_uff
@@ -82,13 +82,9 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
                 | {"not_counted": [loss.not_counted(at, k, normal) for k in range(c.level.size)]}
             )
         rung += [
-            {
-                "model": model.name, "mode": c.mode, "time_s": d.time,
-                "modal_amplitude": d.amplitude, "frequency_Hz": d.frequency,
-                "damping_ratio": d.damping_ratio,
-            }
-            for c, d in zip(model.curves, model.ring_downs, strict=False)
-        ]  # fmt: skip
+            {"model": model.name, "mode": c.mode, **down.table}
+            for c, down in zip(model.curves, model.ring_downs, strict=False)
+        ]
     every = {"backbone.csv": curves, "amplitudes.csv": asked, "ring_down.csv": rung}
     tables = {name: by_columns(parts) for name, parts in every.items() if parts}
     models = {
@@ -130,7 +126,8 @@ def _of_curve(
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
     """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
-    lines = [*backbone.shapes]
+    lines, scene = [*backbone.shapes], backbone.scene
+    places, given = places_of(scene.structure(), scene.system()), damping_given(scene)
     for model in backbone.models:
         for curve in model.curves:
             f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
@@ -147,8 +144,10 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
     for model in backbone.models:
-        both = zip(model.curves, model.at, strict=False)
-        lines += [line for c, at in both for line in _asked_lines(backbone, model.name, c, at)]
+        for curve, at in zip(model.curves, model.at, strict=False):
+            normal = backbone.normal.get(curve.mode)
+            lines += loss.level_lines(model.name, curve, at, places)
+            lines += loss.amplitude_lines(model.name, at, places, normal, given)
     lines += [
         f"Mode {mode}: the mesh errs by an estimated {_to(errors['frequency'])} % in frequency and "
         f"{_to(errors['damping_ratio'])} % in damping, from the lowest level to the highest."
@@ -160,16 +159,6 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
         for mode, change in backbone.normal.items()
     ]
     return lines
-
-
-def _asked_lines(
-    backbone: SceneBackbone, model: str, curve: Backbone, at: AtAmplitudes
-) -> Iterator[str]:
-    """What is printed of the amplitudes that were asked for."""
-    scene = backbone.scene
-    places, given = places_of(scene.structure(), scene.system()), damping_given(scene)
-    yield from loss.level_lines(model, curve, at, places)
-    yield from loss.amplitude_lines(model, at, places, backbone.normal.get(curve.mode), given)
 
 
 def _to(errors: FloatArray) -> str:
@@ -263,9 +252,8 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
     modal amplitude is drawn, which grows with the load even where a named point does not.
     """
     first = models[0].curves
-    figure = new_figure(10.5, 3.3 * len(first))
-    panels = figure.subplots(len(first), 3, squeeze=False)
-    for k, (row, curve) in enumerate(zip(panels, first, strict=True)):
+    figure, panels = new_panels(3.5, 3.3, len(first), 3)
+    for k, (row, curve) in enumerate(zip(panels.reshape(-1, 3), first, strict=True)):
         label, scale = "modal amplitude, m·√kg", 1.0
         if largest:
             unit, size = prefixed_unit("m", [largest[k] * curve.amplitude])
@@ -298,7 +286,6 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
         for panel, values in zip(row, shown, strict=True):
             panel.set(xlabel=label, ylabel=values)
             plain_ticks(panel.xaxis)
-            panel.grid(alpha=0.3)
     return figure
 
 
@@ -472,8 +459,7 @@ def response_figure(response: SceneResponse) -> Figure:
     sines of the first model.
     """
     points, most = response.scene.system().points, response.models[0].largest
-    figure = new_figure(7.5, 7.5)
-    upper, lower, lost = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
+    figure, (upper, lower, lost) = new_panels(7.5, 2.5, rows=3, height_ratios=(2, 1, 1))
     drawn = [(c, A / c.level, look) for c, A, look in drawn_curves(response)]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for _, column, _ in drawn])
     for name, limit, line in (("stuck", response.stuck, ":"), ("loose", response.loose, "-.")):
@@ -503,8 +489,6 @@ def response_figure(response: SceneResponse) -> Figure:
     lower.set(ylabel="phase, degrees")
     lost.set(xlabel="frequency, Hz", ylabel="loss factor")
     plain_ticks(upper.yaxis)
-    for panel in (upper, lower, lost):
-        panel.grid(alpha=0.3)
     return figure
 
 
@@ -556,23 +540,21 @@ def write_random(folder: Path, random: SceneRandom) -> list[Path]:
 
 
 def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
-    """Rows of the contact points with their place and work in an hour, (m,), J, for wear maps.
+    """Columns of contact points with their place and work in an hour, (m,), J, for wear maps.
 
     None where nodes are not known.
     """
     if structure.body is None:
         return []
-    places = structure.body.positions
     return [
         {
             "joint": patch.joint.name,
-            **dict(zip(("x_m", "y_m", "z_m"), places[node].tolist(), strict=False)),
-            "area_m2": area,
-            "work_J_per_hour": work[point],
-            "work_density_J_m2_per_hour": work[point] / area if area > 0.0 else np.nan,
+            **spread("{}_m", structure.body.positions[patch.nodes], "xyz"),
+            "area_m2": patch.area,
+            "work_J_per_hour": work[patch.points],
+            "work_density_J_m2_per_hour": over(work[patch.points], patch.area),
         }
         for patch in structure.patches
-        for node, point, area in zip(patch.nodes, patch.points, patch.area, strict=True)
     ]
 
 
@@ -603,8 +585,7 @@ def random_lines(random: SceneRandom) -> list[str]:
 
 def random_figure(found: RandomResponse) -> Figure:
     """Spectral densities of displacement and acceleration of the named points."""
-    figure = new_figure(7.5, 6.0)
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = new_panels(7.5, 3.0, rows=2)
     for panel, density, unit in (
         (upper, found.displacement_psd, "displacement, m²/Hz"),
         (lower, found.acceleration_psd, "acceleration, (m/s²)²/Hz"),
@@ -612,7 +593,6 @@ def random_figure(found: RandomResponse) -> Figure:
         for point, values in zip(found.points, density, strict=True):
             panel.loglog(found.frequencies, values, label=point)
         panel.set(ylabel=unit)
-        panel.grid(alpha=0.3)
     upper.legend(fontsize="small")
     lower.set(xlabel="frequency, Hz")
     plain_ticks(lower.xaxis)

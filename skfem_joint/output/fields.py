@@ -89,8 +89,9 @@ class Field:
         Since the start, J/m^2; 0 off the contact.
     contact_pressure, gap : ndarray, shape (frames, N), or None
         Of contact that opens, on the pressed body, Pa and m; 0 off it. None where none opens.
-    last_cycle : slice, optional
-        Frames of the last cycle, if there is one with enough of them.
+    last_cycle : dict of str to ndarray, shape (elements,)
+        Range and mean of the stress in the last cycle, Pa, by the names of their arrays; none
+        without a cycle that has enough frames.
     """
 
     name: str
@@ -102,7 +103,7 @@ class Field:
     friction_work_density: FloatArray
     contact_pressure: FloatArray | None = None
     gap: FloatArray | None = None
-    last_cycle: slice | None = None
+    last_cycle: dict[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -166,31 +167,18 @@ class Frames:
 
     @cached_property
     def _preload_stress(self) -> FloatArray:
-        """Stress of the linear sub-cells by the preload, (c, 6), Pa."""
-        return preload_stress(self.structure)[self.structure.body.cell_element]
+        """Stress of each element by the preload, (elements, 6), Pa."""
+        return preload_stress(self.structure)
 
-    @cached_property
-    def _cycles(self) -> dict[str, dict[str, FloatArray]]:
-        """Arrays of the last cycle of each model that has one, on linear sub-cells."""
-        body, cycles = self.structure.body, {}
-        for each in self.fields:
-            if each.last_cycle is not None:
-                stresses = (body.stress(u) for u in each.displacement[each.last_cycle])
-                rest, at = preload_stress(self.structure), middles(self.structure)
-                cycle = StressCycle.of(np.arange(len(at)), at, rest, stresses)
-                values = {"von_mises_range": 2.0 * cycle.amplitude}
-                if not stress_notes(self.structure):
-                    values["von_mises_mean"] = cycle.signed_mean
-                cycles[each.name] = {k: x[body.cell_element] for k, x in values.items()}
-        return cycles
-
-    def _stresses(self, name: str, vibration: FloatArray) -> dict[str, FloatArray]:
+    def _stresses(self, field: Field, frame: int) -> dict[str, FloatArray]:
         """Arrays of stress of a frame on linear sub-cells, with those of preload and last cycle."""
+        vibration = self.structure.stress(field.displacement[frame])
         arrays = {"stress": vibration, "von_mises": von_mises(vibration)}
         if self.structure.preload is not None:
             rest = self._preload_stress
             arrays |= {"preload_stress": rest, "total_von_mises": von_mises(rest + vibration)}
-        return arrays | self._cycles.get(name, {})
+        of_cell = self.structure.body.cell_element
+        return {name: x[of_cell] for name, x in (arrays | field.last_cycle).items()}
 
     @cached_property
     def _shares(self) -> list[sparse.csr_array]:
@@ -255,8 +243,6 @@ class Frames:
         reaction, by_area, in_space = self._reaction, self._by_area, self.structure.body.in_space
         own, traction = field.slip_state[frame], field.friction_traction[frame]
         work, slip = field.friction_work_density[frame], field.slip[frame]
-        body = self.structure.body
-        stress = body.stress(field.displacement[frame])[body.cell_element]
         state = np.maximum(own, _mean_state(reaction, own))
         return {
             "displacement": in_space(field.displacement[frame]),
@@ -269,7 +255,7 @@ class Frames:
             **self._preloaded,
             **self._opened(field, frame),
             "contact_state": _mean_state(self._cell_means, state),
-            **self._stresses(field.name, stress),
+            **self._stresses(field, frame),
         }
 
     def _opened(self, field: Field, frame: int) -> dict[str, FloatArray]:
@@ -279,14 +265,6 @@ class Frames:
         pressure, gap = field.contact_pressure[frame], field.gap[frame]
         apart = gap + self._reaction @ gap + self._preloaded.get("gap", 0.0)
         return {"contact_pressure": pressure + self._by_area @ pressure, "gap": apart}
-
-
-def _pressed_areas(structure: Structure) -> list[FloatArray]:
-    """Area of the nodes of each joint, m^2: of those that joints share that of all these joints."""
-    area = np.zeros(len(structure.nodes))
-    for patch in structure.patches:
-        area[patch.nodes] += patch.area
-    return [area[patch.nodes] for patch in structure.patches]
 
 
 def _shares(
@@ -351,16 +329,15 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     contact = contact_history(structure, run)
     system = contact.system
     slip, traction = np.zeros((2, *u.shape))
-    density, present = np.zeros(u.shape[:2]), run.normal_force.size > 0
-    pressure, gap = np.zeros((2, *u.shape[:2])) if present else (None, None)
+    density, pressed = np.zeros(u.shape[:2]), np.zeros(u.shape[1])
     limits = limits_of(system, forces := normal_forces(structure, run))
     states = np.full(u.shape[:2], -1, dtype=np.int8)
     for patch in structure.patches:
+        pressed[patch.nodes] += patch.area  # of nodes that joints share that of all these joints
         states[:, patch.held_nodes] = 0  # which cannot slip, but may in another joint
-    for number, (patch, area) in enumerate(
-        zip(structure.patches, _pressed_areas(structure), strict=True)
-    ):
-        points, nodes, part = patch.points, patch.nodes, patch.area / area
+    for number, patch in enumerate(structure.patches):
+        points, nodes, area = patch.points, patch.nodes, pressed[patch.nodes]
+        part = patch.area / area
         own = system.contact.J[[number]].toarray()[0, points]
         limit = own * limits[:, points] / area
         for k in range(patch.directions.shape[1]):
@@ -371,34 +348,23 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
             slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * part[free, None] * along
         states[:, nodes] = contact.state[:, points]
         density[:, nodes] += contact.work[:, points] * own / area
-    if pressure is not None and gap is not None:
-        _open(structure, run, forces, pressure, gap, states)
-    period = cycle_period(run)
-    last = None if period is None else within(run.field_times, period)
+    pressure = gap = None
+    if run.normal_force.size:  # where contact opens
+        pressure, gap = np.zeros((2, *u.shape[:2]))
+        start, gaps = 0, gaps_of(structure, run)
+        for face in (patch.opening for patch in structure.patches):
+            own = slice(start, start + int(np.count_nonzero(face.moves)))
+            start = own.stop
+            force, apart = (np.tile(x, (len(gaps), 1)) for x in (face.force, face.gap))
+            force[:, face.moves], apart[:, face.moves] = forces[:, own], gaps[:, own]
+            pressure[:, face.nodes] = (face.means @ force.T).T / face.area
+            gap[:, face.nodes] = np.where(force > 0.0, 0.0, apart)
+            states[:, face.nodes] = np.where(force > 0.0, states[:, face.nodes], -1)
+    last, period = {}, cycle_period(run)
+    if period is not None and (rows := within(run.field_times, period)) is not None:
+        at, stresses = middles(structure), map(structure.stress, u[rows])
+        cycle = StressCycle.of(np.arange(len(at)), at, preload_stress(structure), stresses)
+        last = {"von_mises_range": 2.0 * cycle.amplitude}
+        if not stress_notes(structure):
+            last["von_mises_mean"] = cycle.signed_mean
     return Field(name, u, v, slip, traction, states, density, pressure, gap, last)
-
-
-def _open(
-    structure: Structure,
-    run: Run,
-    forces: FloatArray,
-    pressure: FloatArray,
-    gap: FloatArray,
-    states: States,
-) -> None:
-    """Enter pressures, Pa, gaps, m, and points that are apart into (frames, N) of all nodes.
-
-    ``forces``, (frames, q), N, are those of all pressure points.
-    """
-    start, gaps = 0, gaps_of(structure, run)
-    for patch in structure.patches:
-        face = patch.opening
-        part = slice(start, start + int(np.count_nonzero(face.moves)))
-        start = part.stop
-        force, apart = (np.tile(x, (len(gaps), 1)) for x in (face.force, face.gap))
-        force[:, face.moves], apart[:, face.moves] = forces[:, part], gaps[:, part]
-        apart = np.where(force > 0.0, 0.0, apart)
-        pressure[:, face.nodes] = (face.means @ force.T).T / face.area
-        gap[:, face.nodes] = apart
-        closed = force > 0.0
-        states[:, face.nodes] = np.where(closed, states[:, face.nodes], -1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,13 @@ from skfem_joint.fitting.measured_table import AMPLITUDES, QUANTITIES
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import JointError, refuse
 from skfem_joint.ground.files import replacing
-from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
+from skfem_joint.output.plots import (
+    legend_above,
+    new_panels,
+    plain_ticks,
+    prefixed_unit,
+    save_figure,
+)
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import TextTable, by_columns, write_json, write_table
 from skfem_joint.scene import load_scene
@@ -91,7 +97,9 @@ def write_fit(
         "curve.csv": by_columns(_curve_rows(curves)),
     }
     if profiles:
-        tables["profiles.csv"] = by_columns(_profile_rows(profiles))
+        tables["profiles.csv"] = by_columns(
+            {"name": of.name, "value": of.values, "excess_of_squares": of.excess} for of in profiles
+        )
     figures = {"fit.png": curves_figure(fit, curves), "residuals.png": residuals_figure(fit)}
     files = [folder / name for name in ("fit.json", *tables, *figures)]
     with writing(folder, {"values": fit.values, "warnings": every}) as summary:
@@ -168,7 +176,7 @@ def curves_figure(fit: Fit, curves: Sequence[MeasuredCurve]) -> Figure:
                 x, model - half, model + half, color=colour, alpha=0.2, linewidth=0.0, zorder=1,
                 label=f"its {100.0 * LEVEL:g} % band",
             )  # fmt: skip
-    _legend(figure)
+    legend_above(figure, fontsize="small")
     return figure
 
 
@@ -183,7 +191,7 @@ def residuals_figure(fit: Fit) -> Figure:
             curve, (_, r) = fit.problem.curves[k], _beside(fit, k, name)
             for chosen, look in _kinds(curve, k, ~np.isnan(r)):
                 panel.plot(curve.amplitude[chosen] / size, r[chosen], **look)
-    _legend(figure)
+    legend_above(figure, fontsize="small")
     return figure
 
 
@@ -196,9 +204,9 @@ def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, str, 
     groups: dict[tuple[int, str], list[int]] = {}
     for k, curve in enumerate(fit.problem.curves):
         groups.setdefault((curve.mode, curve.quantity), []).append(k)
-    figure = new_figure(8.5, 0.6 + 3.5 * len(groups))
-    grid, panels = figure.subplots(len(groups), 2, squeeze=False), []
-    for row, ((mode, quantity), own) in zip(grid, groups.items(), strict=True):
+    figure, grid = new_panels(4.25, 3.5 + 0.6 / len(groups), len(groups), 2)
+    panels = []
+    for row, ((mode, quantity), own) in zip(grid.reshape(-1, 2), groups.items(), strict=True):
         of_all = [fit.problem.curves[k] for k in own]
         unit, size = prefixed_unit(_unit(quantity), [curve.amplitude for curve in of_all])
         if size > 1.0:  # nobody uses km/s²
@@ -209,8 +217,6 @@ def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, str, 
         for panel, name in zip(row, QUANTITIES, strict=True):
             panel.set(xscale="log", xlabel=where, ylabel=label or _AXES[name][0])
             plain_ticks(panel.xaxis)
-            panel.grid(alpha=0.3)
-            panel.set_axisbelow(True)
             panel.ticklabel_format(axis="y", useOffset=False)
             panels.append((panel, name, own, size))
         row[0].set_title(f"mode {mode}", loc="left", fontsize="medium")
@@ -227,15 +233,6 @@ def _kinds(curve: MeasuredCurve, k: int, known: Any) -> Iterator[tuple[Any, dict
             colour, mark = _COLOURS[k % len(_COLOURS)], _MARKS[k % len(_MARKS)]
             look = {"color": colour, "marker": mark, "markersize": 5.0, "linestyle": "none"}
             yield chosen, {**look, **face, "label": label}
-
-
-def _legend(figure: Figure) -> None:
-    """Legend of the curves of all panels above them, each once."""
-    each: dict[str, Any] = {}
-    for panel in figure.axes:
-        handles, labels = panel.get_legend_handles_labels()
-        each |= dict(zip(labels, handles, strict=True))
-    figure.legend([*each.values()], [*each], loc="outside upper center", ncols=4, fontsize="small")
 
 
 def _what_is_computed(fit: Fit, k: int) -> tuple[float, ...]:
@@ -305,35 +302,29 @@ def _value_rows(fit: Fit) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
-def _profile_rows(profiles: Sequence[Profile]) -> Iterator[dict[str, Any]]:
-    for profile in profiles:
-        for value, excess in zip(profile.values, profile.excess, strict=True):
-            yield {"name": profile.name, "value": value, "excess_of_squares": excess}
-
-
 def _residual_rows(fit: Fit) -> Iterator[dict[str, Any]]:
     for k, curve in enumerate(fit.problem.curves):
         columns: dict[str, Any] = {"fitted": curve.fitted}
         for name, column in zip(QUANTITIES, ("frequency_Hz", "damping_ratio"), strict=True):
             columns[column] = getattr(curve, name)
             columns[f"model_{column}"], columns[f"{name}_residual"] = _beside(fit, k, name)
-        yield from _rows(curve, columns)
+        yield _amplitudes(curve) | columns
 
 
 def _curve_rows(curves: Sequence[MeasuredCurve]) -> Iterator[dict[str, Any]]:
     for fine in curves:
-        yield from _rows(fine, {
+        yield _amplitudes(fine) | {
             "frequency_Hz": fine.frequency, "frequency_band_Hz": fine.frequency_deviation,
             "damping_ratio": fine.damping, "damping_ratio_band": fine.damping_deviation,
-        })  # fmt: skip
+        }  # fmt: skip
 
 
-def _rows(curve: MeasuredCurve, columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Rows of a table over the amplitudes of a curve, from columns (k,)."""
-    first = {"data": curve.name, "mode": curve.mode, "quantity": curve.quantity}
-    for amplitude, *values in zip(curve.amplitude, *columns.values(), strict=True):
-        row = dict(zip(columns, values, strict=True))
-        yield first | {"amplitude": amplitude, "unit": _unit(curve.quantity)} | row
+def _amplitudes(curve: MeasuredCurve) -> dict[str, Any]:
+    """First columns of a table over the amplitudes of a curve."""
+    return {
+        "data": curve.name, "mode": curve.mode, "quantity": curve.quantity,
+        "amplitude": curve.amplitude, "unit": _unit(curve.quantity),
+    }  # fmt: skip
 
 
 def _write_scene(path: Path, fit: Fit, text: str) -> Path:

@@ -192,6 +192,5 @@ def curves(study: Study) -> dict[str, Writer]:
             slip = (peak[patch.points], active[patch.points])
             add(f"active_region_{name}.png", plots.active_region_figure, body, patch, *slip)
         if (own := work[patch.points]).any():
-            when = "over the run"
-            add(f"friction_work_{name}.png", plots.friction_work_figure, body, patch, own, when)
+            add(f"friction_work_{name}.png", plots.friction_work_figure, body, patch, own)
     return plan

@@ -15,7 +15,7 @@ from skfem_joint.harmonic.curve import NonlinearMode
 from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import COLOURS
 from skfem_joint.output.damping import written
-from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit
+from skfem_joint.output.plots import new_panels, plain_ticks, prefixed_unit
 from skfem_joint.output.tables import by_columns
 from skfem_joint.results.loss import known
 from skfem_joint.results.places import places_of
@@ -179,10 +179,10 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
     Slow curves and ring-downs stand where the mode has their modal amplitude; beyond its levels
     the point's share in it is that of the nearest one.
     """
-    figure, points = new_figure(8.5, 3.3 * len(modes.curves)), modes.scene.system().points
-    panels = figure.subplots(len(modes.curves), 2, squeeze=False)
+    points = modes.scene.system().points
+    figure, panels = new_panels(4.25, 3.3, len(modes.curves), 2)
     look = {"quasi_static": "--", "ring_down": "x"}
-    for row, c in zip(panels, modes.curves.values(), strict=True):
+    for row, c in zip(panels.reshape(-1, 2), modes.curves.values(), strict=True):
         x = _amplitude(c, points)
         unit, size = prefixed_unit("m", [x]) if c.point else ("m·√kg", 1.0)
         for panel, name, factor in zip(row, _VALUES, (1.0, 100.0), strict=True):
@@ -209,7 +209,6 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
             least = 0.1 * min(float(np.min(each)) for each in curves if len(each))
             panel.set_xlim(left=max(panel.get_xlim()[0], least))
             plain_ticks(panel.xaxis)
-            panel.grid(alpha=0.3)
             panel.set_xlabel(
                 f"first harmonic of {c.point}, {unit}" if c.point else f"modal, {unit}"
             )

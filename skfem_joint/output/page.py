@@ -10,11 +10,11 @@ import base64
 import csv
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import holding, needed, read_text, replacing
@@ -104,23 +104,6 @@ _CAPTIONS = {
 _KINDS = {".png": "image/png", ".gif": "image/gif"}
 
 
-class _Shown(NamedTuple):
-    """Table of the page."""
-
-    caption: str
-    heading: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-class _Picture(NamedTuple):
-    """Picture of the page, whose bytes are in it."""
-
-    name: str
-    caption: str
-    kind: str
-    data: str
-
-
 def write_report(folder: Path | str) -> Path:
     """Write ``report.html`` about results of `run`, a curve of modes, `response` or `random`.
 
@@ -196,7 +179,7 @@ def _parts(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _tables(folder: Path, content: Mapping[str, Any]) -> Iterator[_Shown]:
+def _tables(folder: Path, content: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Tables of results and of their estimated errors."""
     if "told" not in content:  # of models that were run
         yield _of_text("Results of the models", report.summary_table(content))
@@ -206,12 +189,12 @@ def _tables(folder: Path, content: Mapping[str, Any]) -> Iterator[_Shown]:
             yield table
 
 
-def _of_text(caption: str, table: TextTable) -> _Shown:
-    rows = [[label, *cells] for label, cells in table.rows.items()]
-    return _Shown(caption, [table.corner, *table.columns], rows)
+def _of_text(caption: str, table: TextTable) -> dict[str, Any]:
+    heading, *rows = table.lines
+    return {"caption": caption, "heading": heading, "rows": rows}
 
 
-def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown | None:
+def _of_file(path: Path, columns: tuple[str, ...]) -> dict[str, Any] | None:
     """Table of a file: the columns whose names begin so (all, if none are given), without empty.
 
     None without rows.
@@ -231,10 +214,9 @@ def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown | None:
     shown = [[_rounded(row[k]) for k in chosen] for row in evenly]
     caption = _TABLES[path.name] + (f" (one of {step} rows)" if step > 1 else "")
     names = [_with_unit(heading[k]) for k in chosen]
-    if len(names) <= _WIDE:
-        return _Shown(caption, names, shown)
-    first, *others = [[name, *cells] for name, *cells in zip(names, *shown, strict=True)]
-    return _Shown(caption, first, others)
+    if len(names) > _WIDE:
+        names, *shown = ([*line] for line in zip(names, *shown, strict=True))
+    return {"caption": caption, "heading": names, "rows": shown}
 
 
 def _with_unit(name: str) -> str:
@@ -263,7 +245,7 @@ def _rounded(cell: str) -> str:
     return f"{float(cell):.5g}" if re.fullmatch(r"[-+.\de]*\.[-+\de]*|\d+e-\d+", cell) else cell
 
 
-def _pictures(folder: Path, names: Iterable[str]) -> Iterator[_Picture]:
+def _pictures(folder: Path, names: Iterable[str]) -> Iterator[dict[str, str]]:
     """Pictures among the files of a folder, an animation in place of its still."""
     shown = [name for name in names if Path(name).suffix in _KINDS and "/" not in name]
     moving = {Path(name).stem for name in shown if name.endswith(".gif")}
@@ -272,8 +254,8 @@ def _pictures(folder: Path, names: Iterable[str]) -> Iterator[_Picture]:
         if suffix == ".png" and stem in moving:
             continue
         try:
-            data = (folder / name).read_bytes()
+            data = base64.b64encode((folder / name).read_bytes()).decode()
         except OSError as error:
             raise InputError(f"{folder / name}: cannot be read: {error.strerror}") from error
         caption = next((text for start, text in _CAPTIONS.items() if stem.startswith(start)), stem)
-        yield _Picture(name, caption, _KINDS[suffix], base64.b64encode(data).decode())
+        yield {"name": name, "caption": caption, "kind": _KINDS[suffix], "data": data}

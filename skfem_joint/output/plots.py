@@ -7,7 +7,6 @@ state. All raise InputError for what does not fit, and where matplotlib is missi
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,10 +69,13 @@ def save_figure(path: Path, figure: Figure) -> Path:
     return path
 
 
-def _panels(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, Any]:
-    """Figure with panels of a size each in inches, in rows."""
+def new_panels(
+    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, Any]:
+    """Figure with panels of a size each in inches, row by row; options as of `Figure.subplots`."""
     figure = new_figure(columns * width, rows * height)
-    panels = figure.subplots(rows, columns, sharex=columns == 1, squeeze=False).ravel()
+    share = columns == 1
+    panels = figure.subplots(rows, columns, sharex=share, squeeze=False, **options).ravel()
     for panel in panels:
         panel.grid(alpha=0.3)
         panel.set_axisbelow(True)
@@ -107,7 +109,7 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     "full" is drawn solid beside others. Long histories are drawn as an `envelope`.
     """
     moving = _moving(runs, points)
-    figure, panels = _panels(7.5, 2.2 + 1.0 / len(moving), rows=len(moving))
+    figure, panels = new_panels(7.5, 2.2 + 1.0 / len(moving), rows=len(moving))
     time_unit, time_scale = prefixed_unit("s", (run.times for run in runs.values()))
     for panel, point in zip(panels, moving, strict=True):
         unit, scale = prefixed_unit("m", (run.point(point) for run in runs.values()))
@@ -125,7 +127,7 @@ def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
         panel.set(ylabel=f"displacement, {unit}", xmargin=0.0)
         panel.set_title(title, loc="left")
     panels[-1].set_xlabel(f"time, {time_unit}")
-    _legend_above(figure, panels[0])
+    legend_above(figure)
     return figure
 
 
@@ -182,7 +184,7 @@ def hysteresis_figure(
     transient = any(state is None or not getattr(state, "reached", True) for state in states)
     unit, scale = prefixed_unit("m", (u for u, _ in loops))
     force_unit, force_scale = prefixed_unit("N", (force for _, force in loops))
-    figure, (panel,) = _panels(6.0, 5.0)
+    figure, (panel,) = new_panels(6.0, 5.0)
     for name, (u, force), style in zip(runs, loops, _styles(runs), strict=True):
         panel.plot(u / scale, force / force_scale, label=_with(name, lost), **style)
     loaded = sorted({run.system.loads[load].on for run in runs.values()} - {""})
@@ -190,7 +192,7 @@ def hysteresis_figure(
     panel.set(xlabel=f"displacement of {point}, {unit}", ylabel=f"force{where}, {force_unit}")
     shown = "last cycle" + ", not steady yet" * transient
     panel.set_title("from rest on" if cycle_rows is None else shown, loc="left")
-    _legend_above(figure, panel)
+    legend_above(figure)
     return figure
 
 
@@ -208,7 +210,7 @@ def joint_loops_figure(runs: Mapping[str, Run]) -> Figure:
     if not moving:
         raise InputError("joint loops: found no quasi-static run in which a joint slips")
     columns = min(len(moving), 3)
-    figure, panels = _panels(4.8, 4.4, -(-len(moving) // columns), columns)
+    figure, panels = new_panels(4.8, 4.4, -(-len(moving) // columns), columns)
     for panel in panels[len(moving) :]:
         panel.set_axis_off()
     for panel, k in zip(panels, moving, strict=False):
@@ -229,7 +231,7 @@ def joint_loops_figure(runs: Mapping[str, Run]) -> Figure:
             fontsize="medium",
         )
         panel.set(xlabel=f"mean slip, {unit}", ylabel=f"friction force, {force_unit}")
-    _legend_above(figure, panels[0])
+    legend_above(figure)
     return figure
 
 
@@ -245,7 +247,7 @@ def modes_figure(xi: FloatArray, proper: ProperModes, whose: str) -> Figure:
     ``whose`` says what moves in these modes, for the title.
     """
     modes, values = proper.modes.T, proper.proper_values
-    figure, (panel,) = _panels(7.5, 4.5)
+    figure, (panel,) = new_panels(7.5, 4.5)
     panel.axhline(0.0, color="0.6", linewidth=0.8)
     for k, (mode, value, style) in enumerate(zip(modes, values, _MODES, strict=False), 1):
         largest, (colour, line) = mode[np.argmax(np.abs(mode))], style
@@ -268,7 +270,7 @@ def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
     values, sums = proper.proper_values, proper.cumulative
     count = min(20, int(np.count_nonzero(values > 1e-12 * values[0])))
     number = np.arange(1, count + 1)
-    figure, (left, right) = _panels(4.0, 3.8, columns=2)
+    figure, (left, right) = new_panels(4.0, 3.8, columns=2)
     figure.suptitle(f"proper orthogonal modes of {whose}")
     left.bar(number, values[:count], color="#7fb2e5", edgecolor="#1a1a1a", linewidth=0.6)
     left.set(yscale="log", ylabel="proper value, % of the sum")
@@ -301,7 +303,7 @@ def energies_figure(runs: Mapping[str, Run], lost: Mapping[str, str] | None = No
     size = {name: max(np.abs(work).max(initial=0.0) for work in works[name]) for name in works}
     titles = [name for name in works if size[name] > _AT_REST * size["input"]] or ["input"]
     columns = 2 if len(titles) == 4 else len(titles)
-    figure, panels = _panels(3.8, 3.0, len(titles) // columns, columns)
+    figure, panels = new_panels(3.8, 3.0, len(titles) // columns, columns)
     for panel, title in zip(panels, titles, strict=True):
         unit, scale = prefixed_unit("J", works[title])
         for name, work, style in zip(runs, works[title], _styles(runs), strict=True):
@@ -312,13 +314,13 @@ def energies_figure(runs: Mapping[str, Run], lost: Mapping[str, str] | None = No
         panel.set_title(title, loc="left")
         panel.set(xlabel="cycle", ylabel=f"work in the cycle, {unit}")
         panel.xaxis.get_major_locator().set_params(integer=True)
-    _legend_above(figure, panels[0])
+    legend_above(figure)
     return figure
 
 
 def error_time_figure(points: Sequence[Measured], total: bool = False) -> Figure:
     """Error against run time with the front, in ``total`` with off-line time."""
-    figure, panels = _panels(6.5, 5.5, columns=2)
+    figure, panels = new_panels(6.5, 5.5, columns=2)
     families = dict.fromkeys(p.job.family for p in points if p.counts)
     shown = "off-line and run time (s)" if total else "run time (s)"
     for panel, name in zip(panels, (RMS, "friction_energy"), strict=True):
@@ -353,7 +355,7 @@ def sweep_curves_figure(
     ``log`` sets the values in equal ratios; ``unit`` is that of the results, "%" of shares.
     """
     unit, scaled = _scaled(results, unit)
-    figure, (panel,) = _panels(7.0, 4.2)
+    figure, (panel,) = new_panels(7.0, 4.2)
     numbers = all(isinstance(value, int | float) for value in values)
     places = np.array(values if numbers else [str(value) for value in values])
     order = places.argsort() if numbers else slice(None)
@@ -362,7 +364,7 @@ def sweep_curves_figure(
     panel.set(xlabel=xlabel, ylabel=f"{label}{unit}")
     if log:
         panel.set_xscale("log")
-    _legend_above(figure, panel)
+    legend_above(figure)
     return figure
 
 
@@ -423,11 +425,17 @@ def _styles(runs: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [_FULL if name == "full" and len(runs) > 1 else next(others) for name in runs]
 
 
-def _legend_above(figure: Figure, panel: Any) -> None:
-    """Legend of a panel's curves above all panels, where it hides nothing."""
-    handles, labels = panel.get_legend_handles_labels()
-    columns = 1 if any("\n" in label for label in labels) else 4  # broad ones below each other
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, handlelength=3.0)
+def legend_above(figure: Figure, **look: Any) -> None:
+    """Legend of the curves of all panels, each once, above them, where it hides nothing."""
+    each: dict[str, Any] = {}
+    for panel in figure.axes:
+        handles, labels = panel.get_legend_handles_labels()
+        each |= dict(zip(labels, handles, strict=True))
+    columns = 1 if any("\n" in label for label in each) else 4  # broad ones below each other
+    figure.legend(
+        [*each.values()], [*each], loc="outside upper center", ncols=columns, handlelength=3.0,
+        **look,
+    )  # fmt: skip
 
 
 def active_region_figure(
@@ -446,15 +454,15 @@ def active_region_figure(
     return figure
 
 
-def friction_work_figure(body: Body, patch: Patch, work: FloatArray, when: str) -> Figure:
-    """Energy that friction takes of a joint, by area, drawn as `active_region_figure`.
+def friction_work_figure(body: Body, patch: Patch, work: FloatArray) -> Figure:
+    """Energy that friction takes of a joint in a run, by area, drawn as `active_region_figure`.
 
-    ``work`` (k,) is that of each of its k contact points (J), ``when`` says of what time.
+    ``work`` (k,) is that of each of its k contact points (J).
     """
     unit, scale = prefixed_unit("J", [work / patch.area])
-    label = (f"friction work {when}", f"{unit}/m²")
+    label = "friction work over the run", f"{unit}/m²"
     figure = _over_contact(body, patch, work / patch.area / scale, None, label)
-    figure.suptitle(f"{patch.joint.name}: {work.sum():.4g} J {when}")
+    figure.suptitle(f"{patch.joint.name}: {work.sum():.4g} J over the run")
     return figure
 
 
@@ -477,122 +485,89 @@ def _over_contact(
     axes = np.sort(np.argsort(-np.ptp(place, axis=0))[: 1 if corners == 2 else 2])
     names = [f"{'xyz'[axis] if body.dim > 1 else 'position'}, {length}" for axis in axes]
     if corners == 2:
-        figure, (panel,) = _panels(7.5, 3.5)
-        _line(panel, place[:, axes[0]], values, active, label)
+        figure, (panel,) = new_panels(7.5, 3.5)
+        order = np.argsort(along := place[:, axes[0]])
+        if active is not None:
+            panel.fill_between(
+                along[order], 0.0, 1.0, where=active[order], label="active", linewidth=0.0,
+                transform=panel.get_xaxis_transform(), color="#f08a24", alpha=0.3,
+            )  # fmt: skip
+        panel.plot(along[order], values[order], color="#1a1a1a", marker=".", label=label[0])
+        panel.set(ylabel=", ".join(label), xmargin=0.0)
+        panel.set_ylim(bottom=0.0)
+        panel.legend(loc="best")
     else:
         wide, tall = np.ptp(place[:, axes], axis=0)
         height = float(np.clip(2.4 + 6.8 * tall / wide, 2.7, 9.0))
         figure = new_figure(float(np.clip(2.6 + 7.0 * wide / tall, 4.5, 8.0)), height, "compressed")
         panel = figure.subplots()
-        pressure = patch.normal_force / patch.area
-        pressure = np.concatenate([pressure, np.full(held, pressure.max(initial=0.0))])
-        grid = _Area.of(body.nodes[:, axes] / size, patch.cells, nodes, pressure)
-        grid.draw(panel, values, active, ", ".join(label))
+        _area(panel, body.nodes[:, axes] / size, patch, nodes, values, active, ", ".join(label))
     panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))
     return figure
 
 
-def _line(
-    panel: Any, place: FloatArray, values: FloatArray, active: BoolArray | None, label: Any
-) -> None:
-    order = np.argsort(place)
-    place, values = place[order], values[order]
-    if active is not None:
-        panel.fill_between(
-            place, 0.0, 1.0, where=active[order], transform=panel.get_xaxis_transform(),
-            color="#f08a24", alpha=0.3, linewidth=0.0, label="active",
-        )  # fmt: skip
-    panel.plot(place, values, color="#1a1a1a", marker=".", label=label[0])
-    panel.set(ylabel=", ".join(label), xmargin=0.0)
-    panel.set_ylim(bottom=0.0)
-    panel.legend(loc="best")
+def _area(
+    panel: Any, place: FloatArray, patch: Patch, nodes: IntArray, values: FloatArray,
+    active: BoolArray | None, label: str,
+) -> None:  # fmt: skip
+    """Colour a contact seen from above by values; its cells at its border are drawn in part.
 
-
-@dataclass(frozen=True)
-class _Area:
-    """Cells of a contact seen from above; those at its border are drawn in part.
-
-    Attributes
-    ----------
-    grid : matplotlib.tri.Triangulation
-        Triangles of all cells that have a node of the contact.
-    cells : sparse array, shape (cells, n)
-        Sums over the nodes of each cell.
-    nodes : ndarray of int, shape (k,)
-        Those of the contact, among the n of the grid.
-    touches : ndarray, shape (n,)
-        Field whose contour 0.5 is the border of the contact.
+    What is not active is faded, with the border between.
     """
+    from matplotlib.tri import Triangulation
 
-    grid: Any
-    cells: Any
-    nodes: IntArray
-    touches: FloatArray
+    cells, width = patch.cells[np.isin(patch.cells, nodes).any(axis=1)], patch.cells.shape[1]
+    used, number = np.unique(cells, return_inverse=True)
+    place, cells, nodes = place[used], number.reshape(-1, width), np.searchsorted(used, nodes)
+    sums = of_cells(cells.ravel(), width * np.arange(len(cells) + 1), used.size)
+    triangles = cells if width == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    grid = Triangulation(place[:, 0], place[:, 1], triangles)
+    pressed, of_nodes, border, contact = np.zeros((4, used.size))
+    pressure = patch.normal_force / patch.area
+    pressed[nodes] = pressure.max(initial=0.0)  # where it is held too
+    pressed[nodes[: pressure.size]] = pressure
+    of_nodes[nodes], contact[nodes] = values, True
+    known = contact > 0.0
+    artists = [
+        panel.tripcolor(
+            grid, spread(sums, of_nodes, known), shading="gouraud", vmin=0.0,
+            cmap="viridis" if active is not None else "magma", vmax=values.max() or 1.0,
+        )
+    ]  # fmt: skip
+    ends = place[nodes]
+    side = "bottom" if np.ptp(ends[:, 0]) > np.ptp(ends[:, 1]) else "right"
+    panel.figure.colorbar(artists[0], ax=panel, label=label, location=side, aspect=40)
+    if active is not None:
+        border[nodes] = active
+        artists += _faded(panel, grid, smoothed(sums, border, known), active)
+    if not known.all():
+        # A field whose contour 0.5 is the border of the contact.
+        inside = panel.tricontourf(grid, touching(sums, pressed), levels=[0.5, 2.0])
+        (path,) = inside.get_paths()
+        for artist in artists:
+            artist.set_clip_path(path, panel.transData)
+        inside.remove()
+        ends = path.vertices
+    panel.set(aspect="equal")
+    panel.use_sticky_edges = False
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    (left, lowest), (right, highest) = low - 0.02 * (high - low), high + 0.02 * (high - low)
+    panel.set(xlim=(left, right), ylim=(lowest, highest))
 
-    @classmethod
-    def of(cls, place: FloatArray, cells: IntArray, nodes: IntArray, pressure: FloatArray) -> _Area:
-        """Area of ``cells`` (their corners) with nodes of the contact and their pressure."""
-        from matplotlib.tri import Triangulation
 
-        cells, width = cells[np.isin(cells, nodes).any(axis=1)], cells.shape[1]
-        used, number = np.unique(cells, return_inverse=True)
-        place, cells, nodes = place[used], number.reshape(-1, width), np.searchsorted(used, nodes)
-        sums = of_cells(cells.ravel(), width * np.arange(len(cells) + 1), used.size)
-        triangles = cells if width == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
-        triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
-        pressed = np.zeros(used.size)
-        pressed[nodes] = pressure
-        grid = Triangulation(place[:, 0], place[:, 1], triangles)
-        return cls(grid, sums, nodes, touching(sums, pressed))
-
-    def draw(self, panel: Any, values: FloatArray, active: BoolArray | None, label: str) -> None:
-        """Colour the contact by values, fade what is not active and draw the border between."""
-        contact, of_nodes, border = np.zeros((3, self.touches.size))
-        contact[self.nodes], of_nodes[self.nodes] = True, values
-        known = contact > 0.0
-        artists = [
-            panel.tripcolor(
-                self.grid, spread(self.cells, of_nodes, known), shading="gouraud",
-                cmap="viridis" if active is not None else "magma", vmin=0.0,
-                vmax=values.max() or 1.0,
-            )
-        ]  # fmt: skip
-        side = "bottom" if np.ptp(self._place[:, 0]) > np.ptp(self._place[:, 1]) else "right"
-        panel.figure.colorbar(artists[0], ax=panel, label=label, location=side, aspect=40)
-        if active is not None:
-            border[self.nodes] = active
-            artists += self._fade(panel, smoothed(self.cells, border, known), active)
-        ends = self._place
-        if not known.all():
-            inside = panel.tricontourf(self.grid, self.touches, levels=[0.5, 2.0])
-            (path,) = inside.get_paths()
-            for artist in artists:
-                artist.set_clip_path(path, panel.transData)
-            inside.remove()
-            ends = path.vertices
-        panel.set(aspect="equal")
-        panel.use_sticky_edges = False
-        low, high = ends.min(axis=0), ends.max(axis=0)
-        (left, lowest), (right, highest) = low - 0.02 * (high - low), high + 0.02 * (high - low)
-        panel.set(xlim=(left, right), ylim=(lowest, highest))
-
-    @property
-    def _place(self) -> FloatArray:
-        """Places of the contact's nodes, (k, 2)."""
-        return np.column_stack([self.grid.x, self.grid.y])[self.nodes]
-
-    def _fade(self, panel: Any, border: FloatArray, active: BoolArray) -> list[Any]:
-        """Fade what is not active, with a line at its border, and say so; returns the artists."""
-        artists = []
-        if not active.all():
-            faded = {"levels": [-1.0, 0.5], "colors": "w", "alpha": 0.75}
-            artists.append(panel.tricontourf(self.grid, border, **faded))
-        if active.any() and not active.all():
-            for colour, thick in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
-                line = {"levels": [0.5], "colors": colour, "linewidths": thick}
-                artists.append(panel.tricontour(self.grid, border, **line))
-        told = "faded: not active; red line: border between"
-        if active.all():
-            told = "all of it active"
-        panel.set_title(told if active.any() else "faded: nothing is active", fontsize="small")
-        return artists
+def _faded(panel: Any, grid: Any, border: FloatArray, active: BoolArray) -> list[Any]:
+    """Fade what is not active, with a line at its border, and say so; returns the artists."""
+    artists = []
+    if not active.all():
+        faded = {"levels": [-1.0, 0.5], "colors": "w", "alpha": 0.75}
+        artists.append(panel.tricontourf(grid, border, **faded))
+    if active.any() and not active.all():
+        for colour, thick in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
+            line = {"levels": [0.5], "colors": colour, "linewidths": thick}
+            artists.append(panel.tricontour(grid, border, **line))
+    told = "faded: not active; red line: border between"
+    if active.all():
+        told = "all of it active"
+    panel.set_title(told if active.any() else "faded: nothing is active", fontsize="small")
+    return artists

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -185,18 +185,23 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
         pays = full["wall_s"] > total
         return float(full["wall_s"] / (total if offline else model["wall_s"])) if pays else None
 
+    def add_each(of: str, *shown: tuple[Any, ...]) -> None:
+        """Rows of each name of a table: label with {} for it, format, scale, and keys below it."""
+        for name in names(of):
+            for label, form, scale, *keys in shown:
+                add(label.format(name), form, at(of, name, *keys), scale)
+
+    def names(*of: str) -> list[str]:
+        """Names that a table has in any model, each once."""
+        return list(dict.fromkeys(name for table in at(*of) for name in table or ()))
+
     cycles = any(value is not None for value in at("friction_energy_per_cycle_J"))
     steps = zip(at("newton_iterations"), at("steps"), strict=True)
     add("unknowns", "{}", at("dofs"))
     add("contact points", "{}", at("contact_points"))
-    for name in _names(at("peak_displacement_m")):
-        add(f"peak displacement at {name}, mm", "{:.5g}", at("peak_displacement_m", name), 1e3)
-    for label, key in (
-        ("amplitude (half of peak to peak)", "amplitude_m"),
-        ("offset (mean of both peaks)", "offset_m"),
-    ):
-        for name in _names(table or {} for table in at(key)):
-            add(f"{label} at {name}, mm", "{:.5g}", at(key, name), 1e3)
+    add_each("peak_displacement_m", ("peak displacement at {}, mm", "{:.5g}", 1e3))
+    add_each("amplitude_m", ("amplitude (half of peak to peak) at {}, mm", "{:.5g}", 1e3))
+    add_each("offset_m", ("offset (mean of both peaks) at {}, mm", "{:.5g}", 1e3))
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
     add("loss factor", "{:.4g}", at("loss_factor"))
@@ -206,11 +211,30 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
     if not cycles:
         totals = [sum(energies.values()) for energies in at("friction_energy_J")]
         add("friction energy, J", "{:.4g}", totals)
-    for name in _names(table or {} for table in at("loads")):
-        stiffness = at("loads", name, "secant_stiffness_N_per_m")
-        add(f"secant stiffness at {name}, N/m", "{:.4g}", stiffness)
-    for row in (*_joint_rows(at), *_bolt_rows(at)):
-        add(*row)
+    stiffness = "{:.4g}", 1.0, "secant_stiffness_N_per_m"
+    add_each("loads", ("secant stiffness at {}, N/m", *stiffness))
+    joints = names("joints")
+    for name in joints:
+        if len(joints) > 1:
+            energy = at("joints", name, "friction_energy_J")
+            add(f"friction energy of {name} over the run, J", "{:.4g}", energy)
+        by_bolt = [bolts or () for bolts in at("joints", name, "friction_energy_by_bolt_J")]
+        for number, energies in enumerate(zip(*by_bolt, strict=True), 1):
+            label = f"friction energy of {name} at bolt {number} over the run, J"
+            add(label, "{:.4g}", list(energies))
+        for label, form, scale, key in (
+            ("secant stiffness of {}, N/m", *stiffness),
+            ("largest slip of {} over the run, mm", "{:.4g}", 1e3, "largest_slip_m"),
+            ("active length of {}, mm", "{:.4g}", 1e3, "active_length_m"),
+            ("active part of {}, %", "{:.4g}", 100.0, "active_area_fraction"),
+            ("points of {} that slip, %", "{:.4g}", 100.0, "slipping_fraction"),
+        ):
+            add(label.format(name), form, at("joints", name, key), scale)
+    add_each(
+        "bolts",
+        ("share of {} in the friction loss, %", "{:.3g}", 100.0, "loss_share"),
+        ("share of {} that slips, %", "{:.3g}", 100.0, "slipping_share"),
+    )
     for label, key, form in (
         ("displacement history", "displacement_rms", "{:.3g}"),
         ("peak displacement", "peak_displacement", "{:+.3g}"),
@@ -218,10 +242,10 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
         ("loop energy", "loop_energy_per_cycle", "{:+.3g}"),
     ):
         add(f"error of {label}, %", form, at("error", key), 100.0)
-    for region in _names(table or {} for table in at("stress")):
-        for name in ("preload", "vibration", "total", "alternating"):
-            values = at("stress", region, name, f"{name}_von_mises_Pa")
-            add(f"largest von Mises stress of {region}, {name}, MPa", "{:.4g}", values, 1e-6)
+    add_each("stress", *(
+        (f"largest von Mises stress of {{}}, {of}, MPa", "{:.4g}", 1e-6, of, f"{of}_von_mises_Pa")
+        for of in ("preload", "vibration", "total", "alternating")
+    ))  # fmt: skip
     add("energy lost by impacts, J", "{:.4g}", at("impact_energy_J"))
     add("largest normal force of a pressure point, N", "{:.4g}", at("largest_normal_force_N"))
     add("contact opened, % of the pressure points", "{:.3g}", at("opened_fraction"), 100.0)
@@ -242,43 +266,6 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
     ):
         add(label, "{:.3g}", [faster(model, offline) for model in models.values()])
     return TextTable("", list(models), rows)
-
-
-def _names(tables: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Names that tables have, each once."""
-    return list(dict.fromkeys(name for table in tables for name in table))
-
-
-def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[Any], float]]:
-    """For each value of a joint that is shown: label, format, values of all models, and scale."""
-    names = _names(at("joints"))
-    for name in names:
-        if len(names) > 1:
-            energy = at("joints", name, "friction_energy_J")
-            yield f"friction energy of {name} over the run, J", "{:.4g}", energy, 1.0
-        by_bolt = [bolts or () for bolts in at("joints", name, "friction_energy_by_bolt_J")]
-        for number, energies in enumerate(zip(*by_bolt, strict=True), 1):
-            label = f"friction energy of {name} at bolt {number} over the run, J"
-            yield label, "{:.4g}", list(energies), 1.0
-        stiffness = at("joints", name, "secant_stiffness_N_per_m")
-        yield f"secant stiffness of {name}, N/m", "{:.4g}", stiffness, 1.0
-        for label, key, scale in (
-            ("largest slip of {} over the run, mm", "largest_slip_m", 1e3),
-            ("active length of {}, mm", "active_length_m", 1e3),
-            ("active part of {}, %", "active_area_fraction", 100.0),
-            ("points of {} that slip, %", "slipping_fraction", 100.0),
-        ):
-            yield label.format(name), "{:.4g}", at("joints", name, key), scale
-
-
-def _bolt_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[Any], float]]:
-    """The same for each bolt."""
-    for name in _names(table or {} for table in at("bolts")):
-        for label, key in (
-            ("share of {} in the friction loss, %", "loss_share"),
-            ("share of {} that slips, %", "slipping_share"),
-        ):
-            yield label.format(name), "{:.3g}", at("bolts", name, key), 100.0
 
 
 def _percent(value: float | None) -> str:

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
@@ -30,6 +29,7 @@ from skfem_joint.output.fields import (
     frames_of,
 )
 from skfem_joint.output.tables import write_csv
+from skfem_joint.results.borders import of_cells
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.structure import Structure
 
@@ -137,13 +137,11 @@ def _touching(structure: Structure) -> dict[str, IntArray]:
 
 def _behind(cells: IntArray, facets: IntArray) -> IntArray:
     """Cell behind each facet of a border: the cell that has all corners of the facet."""
-
-    def corners(some: IntArray) -> sparse.csr_array:
-        starts = some.shape[1] * np.arange(len(some) + 1)
-        shape = len(some), int(cells.max()) + 1
-        return sparse.csr_array((np.ones(some.size), some.ravel(), starts), shape=shape)
-
-    return np.asarray((corners(facets) @ corners(cells).T).argmax(axis=1), dtype=np.intp).ravel()
+    of_facets, of_all = (
+        of_cells(some.ravel(), some.shape[1] * np.arange(len(some) + 1), int(cells.max()) + 1)
+        for some in (facets, cells)
+    )
+    return np.asarray((of_facets @ of_all.T).argmax(axis=1), dtype=np.intp).ravel()
 
 
 def _grid(

@@ -100,8 +100,7 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -
     table = columns(swept, rows)
     cells = {name: [_cell(value) for value in values] for name, values in table.items()}
     shown = dict(figures(swept, table)) if drawn and swept.scenes[0].output.plots else {}
-    names = zip(safe_names(shown), shown.values(), strict=True)
-    pictures = {folder / f"sweep_{name}.png": figure for name, figure in names}
+    pictures = [folder / f"sweep_{name}.png" for name in safe_names(shown)]
     parquet = [folder / "sweep.parquet"] if find_spec("pyarrow") else []
     files = [folder / TABLE, *parquet, *pictures]
     content = {
@@ -119,7 +118,7 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -
 
             with replacing(path) as temporary:
                 library.write_table(arrow({name: _alike(cells[name]) for name in cells}), temporary)
-        for path, figure in pictures.items():
+        for path, figure in zip(pictures, shown.values(), strict=True):
             plots.save_figure(path, figure)
     return [*files, summary]
 

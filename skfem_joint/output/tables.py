@@ -77,12 +77,17 @@ class TextTable:
     columns: Sequence[str]
     rows: Mapping[str, Sequence[str]]
 
-    def __str__(self) -> str:
-        """Lines of the table, as wide as it needs to be whatever the width of the terminal."""
-        table = [
+    @property
+    def lines(self) -> list[list[str]]:
+        """Cells with headings and labels, line by line."""
+        return [
             [self.corner, *self.columns],
             *([label, *cells] for label, cells in self.rows.items()),
         ]
+
+    def __str__(self) -> str:
+        """Lines of the table, as wide as it needs to be whatever the width of the terminal."""
+        table = self.lines
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         lines = [
             "   ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -102,11 +103,11 @@ class Losses(Tabular):
 
     def at(self, *cycle: int) -> Losses:
         """Those of one cycle."""
-        impacts = None if self.impacts is None else np.asarray(self.impacts[cycle])
-        friction, viscous, strain = (
-            np.asarray(x[cycle]) for x in (self.friction, self.viscous, self.strain)
-        )
-        return Losses(friction, viscous, strain, self.by_joint[cycle], impacts)
+
+        def of(x: Any) -> Any:
+            return None if x is None else np.asarray(x[cycle])
+
+        return Losses(**{name: of(x) for name, x in vars(self).items()})
 
     def columns(self) -> dict[str, FloatArray]:
         """Values by the names of `COLUMNS`; impacts only where they are known."""
@@ -131,14 +132,12 @@ def stacked(every: Sequence[Losses | None]) -> Losses:
     nothing = np.array(np.nan)
     unknown = Losses(nothing, nothing, nothing, np.full(joints, np.nan), nothing)
     cycles = [one or unknown for one in every]
-    opens = any(one.impacts is not None for one in some)
-    return Losses(
-        friction=np.array([one.friction for one in cycles]),
-        viscous=np.array([one.viscous for one in cycles]),
-        strain=np.array([one.strain for one in cycles]),
-        by_joint=np.array([one.by_joint for one in cycles]),
-        impacts=np.array([one.impacts for one in cycles], dtype=float) if opens else None,
-    )
+    whole = {
+        name: np.array([getattr(one, name) for one in cycles], dtype=float)
+        for name in vars(unknown)
+        if name != "impacts" or any(one.impacts is not None for one in some)
+    }
+    return Losses(**whole)
 
 
 def known(row: Mapping[str, float]) -> dict[str, float | None]:

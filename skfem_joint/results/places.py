@@ -196,11 +196,19 @@ class PlaceResults(Tabular):
         return {
             "cycle": np.repeat(np.arange(count), places),
             "place": [*self.names] * count,
-            "loss_share": np.ravel(self.loss_share),
-            "slipping_share": np.ravel(self.slipping_share),
-            "largest_slip_m": np.ravel(self.largest_slip),
-            "normal_force_N": np.tile(self.normal_force, count),
-            "normal_force_share": np.tile(self.normal_share, count),
+            **{name: np.ravel(values) for name, values in self._values.items()},
+        }
+
+    @property
+    def _values(self) -> dict[str, FloatArray]:
+        """Values by the names of their columns, (..., places) each."""
+        shape = self.loss_share.shape
+        return {
+            "loss_share": self.loss_share,
+            "slipping_share": self.slipping_share,
+            "largest_slip_m": self.largest_slip,
+            "normal_force_N": np.broadcast_to(self.normal_force, shape),
+            "normal_force_share": np.broadcast_to(self.normal_share, shape),
         }
 
     @property
@@ -214,16 +222,9 @@ class PlaceResults(Tabular):
 
     def entries(self, *cycle: int) -> Iterator[tuple[str, bool, dict[str, float | None]]]:
         """Name of each place, whether it is a bolt, and its content of a summary, of one cycle."""
-        share = self.normal_share
         for k, name in enumerate(self.names):
-            values = {
-                "loss_share": self.loss_share[(*cycle, k)],
-                "slipping_share": self.slipping_share[(*cycle, k)],
-                "largest_slip_m": self.largest_slip[(*cycle, k)],
-                "normal_force_N": self.normal_force[k],
-                "normal_force_share": share[k],
-            }
-            yield name, k >= self.joints, known({key: float(x) for key, x in values.items()})
+            row = {of: float(values[(*cycle, k)]) for of, values in self._values.items()}
+            yield name, k >= self.joints, known(row)
 
 
 def places_of(structure: AnyStructure, system: System) -> JointPlaces:
@@ -239,20 +240,15 @@ def places_of(structure: AnyStructure, system: System) -> JointPlaces:
     -------
     JointPlaces
     """
-    J = sparse.csr_array(system.contact.J)
-    names, rows = [*system.contact.joints], [as_dense(J)]
-    joints = len(names)
-    owner = [*range(joints)]
+    J, joints = as_dense(system.contact.J), system.contact.joints
     force = np.zeros(system.contact.w.size)
     for patch in structure.patches:
         np.add.at(force, patch.points, patch.normal_force)
-    if isinstance(structure, Structure):
-        for name, joint, row in _bolts(structure, as_dense(J)):
-            names.append(name)
-            owner.append(joint)
-            rows.append(row[np.newaxis])
-    share = sparse.csr_array(np.vstack(rows))
-    return JointPlaces(tuple(names), joints, tuple(owner), share, share @ force, system)
+    bolts = [*_bolts(structure, J)] if isinstance(structure, Structure) else []
+    names = *joints, *(name for name, _, _ in bolts)
+    owner = *range(len(joints)), *(joint for _, joint, _ in bolts)
+    share = sparse.csr_array(np.vstack([J, *(row for _, _, row in bolts)]))
+    return JointPlaces(names, len(joints), owner, share, share @ force, system)
 
 
 def _bolts(structure: Structure, J: FloatArray) -> Iterator[tuple[str, int, FloatArray]]:

@@ -167,7 +167,11 @@ def integrate_plan(
         )
     start, ending = _start(system, plan, initial)
     if plan.quasi_static:
-        return _quasi_static(system, plan, initial, tolerance, progress, checkpoint)
+        if initial is not None:
+            raise InputError("initial: a quasi-static run starts from rest; leave it out")
+        if checkpoint is not None:
+            raise InputError("checkpoint: a quasi-static run has none; leave it out")
+        return _quasi_static(system, plan, tolerance, progress)
     moved = start if any(np.any(x) for x in start[:3]) else None
     if plan.until == "steady":
         if checkpoint is not None:
@@ -196,18 +200,9 @@ def _noted(run: Run, plan: Plan, start: tuple[FloatArray, ...] | None = None) ->
 
 
 def _quasi_static(
-    system: System,
-    plan: Plan,
-    initial: Run | tuple[FloatArray, ...] | None,
-    tolerance: float,
-    progress: Callable[..., None] | None,
-    checkpoint: Checkpoint | None,
+    system: System, plan: Plan, tolerance: float, progress: Callable[..., None] | None
 ) -> Run:
-    """Run without inertia and damping; it starts from rest and is not resumed."""
-    if initial is not None:
-        raise InputError("initial: a quasi-static run starts from rest; leave it out")
-    if checkpoint is not None:
-        raise InputError("checkpoint: a quasi-static run has none; leave it out")
+    """Run without inertia and damping."""
     check_resolution(system, plan)
     try:
         run = _noted(slow_run(system, plan, tolerance=tolerance, progress=progress), plan)

@@ -221,17 +221,14 @@ def _unresolved(system: System, plan: Plan) -> Iterator[str]:
         missed = _missed(load.amplitude, step, n_steps)
         if missed <= _MISSED:
             continue
-        shorter: float | None = None
-        for parts in (2**k for k in range(1, 1 + _HALVINGS)):
-            if _missed(load.amplitude, step / parts, n_steps * parts) <= _MISSED:
-                shorter = step / parts
-                break
         cure = (
             f"no step down to {step / 2**_HALVINGS:.3g} s does: does it jump often, or is "
             "it noise? Give it as a Table of its values"
-            if shorter is None
-            else f"use a step of at most {shorter:.4g} s"
         )
+        for parts in (2**k for k in range(1, 1 + _HALVINGS)):
+            if _missed(load.amplitude, step / parts, n_steps * parts) <= _MISSED:
+                cure = f"use a step of at most {step / parts:.4g} s"
+                break
         yield (
             f"{_name(load)}: a step of {step:.4g} s does not follow "
             f"this function of time: between the steps it is off the straight lines through its "

@@ -14,10 +14,9 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
@@ -98,17 +97,6 @@ def slow_run(
     driver = _SlowDriver(system, plan, QuasiStatic(system, tolerance, frictionless=True))
     driver.preparation, driver.compilation = watch.read()
     return driver.run(progress)
-
-
-class _Mark(NamedTuple):
-    """State of a driver between two steps."""
-
-    level: Level
-    amplitudes: FloatArray
-    rate: FloatArray
-    done: int
-    rows: int
-    recorded: dict[str, NDArray[Any]]
 
 
 class _SlowDriver:
@@ -248,16 +236,16 @@ class _SlowDriver:
             self.amplitudes, level.u, level.friction, level.slip, self.recorder.friction_work
         )
 
-    def _mark(self) -> _Mark:
+    def _mark(self) -> tuple[Any, ...]:
         """All that the next step may change."""
-        rows = len(self.loops.rows)
-        return _Mark(self.level, self.amplitudes, self.rate, self.done, rows, self.recorder.mark())
+        state = self.level, self.amplitudes, self.rate, self.done
+        return *state, len(self.loops.rows), self.recorder.mark()
 
-    def _back_to(self, mark: _Mark) -> None:
+    def _back_to(self, mark: tuple[Any, ...]) -> None:
         """Take back a step that did not end."""
-        self.level, self.amplitudes, self.rate, self.done = mark[:4]
-        del self.loops.rows[mark.rows :]
-        self.recorder.restore(mark.recorded)
+        self.level, self.amplitudes, self.rate, self.done, rows, recorded = mark
+        del self.loops.rows[rows:]
+        self.recorder.restore(recorded)
         if not self.loops.rows:  # not even the loads of the start were reached
             self._store(0)
 

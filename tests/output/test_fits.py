@@ -4,9 +4,10 @@ import json
 import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 from pictured import matrices_scene
-from scene_texts import GOOD, csv_rows, with_changes, written
+from scene_texts import GOOD, with_changes, written
 
 import skfem_joint as sj
 from skfem_joint import __version__, cli
@@ -83,37 +84,30 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     assert deviations == pytest.approx([*found["deviations"].values()])
     assert (found["widened"], found["undetermined"]) == (1.0, [])
 
-    values = csv_rows(out / "values.csv")
-    assert [row["name"] for row in values] == found["covariance"]["names"]
-    for row in values:
-        best, lowest, highest = (float(row[key]) for key in ("best", "lowest", "highest"))
-        assert lowest < best < highest
-        assert (lowest, highest) == pytest.approx(found["intervals"][row["name"]], rel=1e-9)
-    assert [float(values[0][key]) for key in ("lower_bound", "upper_bound")] == [0.1, 1.0]
+    values = pd.read_csv(out / "values.csv", index_col="name")
+    assert [*values.index] == found["covariance"]["names"]
+    assert ((values.lowest < values.best) & (values.best < values.highest)).all()
+    intervals = np.array([*found["intervals"].values()])
+    np.testing.assert_allclose(values[["lowest", "highest"]], intervals, rtol=1e-9)
+    assert [*values.loc["joint[0].friction", ["lower_bound", "upper_bound"]]] == [0.1, 1.0]
 
-    residuals = csv_rows(out / "residuals.csv")
+    residuals = pd.read_csv(out / "residuals.csv")
     fitted = rows[:, 0] <= 0.2
-    assert [row["fitted"] == "True" for row in residuals] == fitted.tolist()
+    assert [*residuals.fitted] == fitted.tolist()
     assert 0 < fitted.sum() < fitted.size
-    assert [float(row["amplitude"]) for row in residuals] == pytest.approx(1e-3 * rows[:, 0])
-    assert {(row["unit"], row["data"]) for row in residuals} == {("m", "measured.csv")}
-    total = sum(
-        float(row[f"{name}_residual"]) ** 2
-        for row in residuals
-        for name in ("frequency", "damping")
-        if row["fitted"] == "True"
-    )
+    np.testing.assert_allclose(residuals.amplitude, 1e-3 * rows[:, 0], rtol=1e-6)
+    assert ({*residuals.unit}, {*residuals.data}) == ({"m"}, {"measured.csv"})
+    total = (residuals[["frequency_residual", "damping_residual"]][fitted] ** 2).to_numpy().sum()
     # Levels of the curve differ where compared samples count too.
     assert total == pytest.approx(found["sum_of_squares"], abs=0.02)
 
-    curve = csv_rows(out / "curve.csv")
-    at = [float(row["amplitude"]) for row in curve]
-    assert len(at) == 40
-    assert (at[0], at[-1]) == pytest.approx((1e-3 * rows[0, 0], 1e-3 * rows[-1, 0]))
-    for column, own in (("frequency_Hz", rows[:, 1]), ("damping_ratio", 0.01 * rows[:, 2])):
-        y = [float(row[column]) for row in curve]
-        assert np.interp(1e-3 * rows[:, 0], at, y) == pytest.approx(own, rel=0.02)
-    assert all(float(row["frequency_band_Hz"]) > 0.0 for row in curve)
+    curve = pd.read_csv(out / "curve.csv")
+    assert len(curve) == 40
+    ends = [*curve.amplitude.iloc[[0, -1]]]
+    assert ends == pytest.approx((1e-3 * rows[0, 0], 1e-3 * rows[-1, 0]))
+    for y, own in ((curve.frequency_Hz, rows[:, 1]), (curve.damping_ratio, 0.01 * rows[:, 2])):
+        assert np.interp(1e-3 * rows[:, 0], curve.amplitude, y) == pytest.approx(own, rel=0.02)
+    assert (curve.frequency_band_Hz > 0.0).all()
 
     text = (out / "fitted.toml").read_text(encoding="utf-8")
     assert "# a guess" in text
@@ -145,9 +139,10 @@ def test_offsets_are_drawn(tmp_path, rows):
     first, second = (f"offset of {path}: frequency" for path in files)
     assert found["offsets"] == pytest.approx({first: 0.0, second: 3.0}, abs=0.2)
     assert found["undetermined"] == []
-    curve = csv_rows(out / "curve.csv")
-    starts = [float(row["frequency_Hz"]) for row in curve if row["data"] == str(files[1])]
-    assert starts[0] == pytest.approx(higher[0, 1], abs=0.2)
+    curve = pd.read_csv(out / "curve.csv")
+    assert curve.frequency_Hz[curve.data == str(files[1])].iloc[0] == pytest.approx(
+        higher[0, 1], abs=0.2
+    )
 
 
 def test_pictures_show_samples_curves_and_bands(tmp_path, rows):
@@ -177,14 +172,20 @@ def test_pictures_show_samples_curves_and_bands(tmp_path, rows):
 
 
 INLINE = """\
-joint = [{ on = "a", pressure = 50e6, friction = 0.5 }, { on = "b", pressure = { bolts = [
+joint = [{ on = "a", pressure = 50e6, friction = 0.5, gap = "a.csv" },
+  { on = "b", pressure = { bolts = [
   { at = [0.1, 0.0], force = 1e3 }, # first
   { at = [0.2, 0.0], force = 1e3 },
-] } }]
+] }, gap = { file = "b.csv", margin = 1e-3 } },
+  { on = "c", gap = ["c.csv", { file = "d.csv" }] }, { on = "d", gap = 1e-6 }, { on = "e" }]
 material.E = 2e11 # steel
 mesh = { file = ["one.msh", "../two.msh"], scale = 1e-3 }
 bolt = [{force = 1_000}, {force = 2e3}]
-sweep = { "mesh.file" = ["three.msh"], "material.E" = [1, 2] }
+[sweep]
+"mesh.file" = ["three.msh"]
+"material.E" = [1, 2]
+"joint[0].gap" = ["a.csv", "f.csv"]
+"joint[3].gap" = [1e-6, 2e-6]
 [[load]]
 kind = "table"
 file = "force.csv"
@@ -208,6 +209,7 @@ def test_texts_keep_all_but_the_values(tmp_path):
     values = {
         "joint[0].friction": 0.1,
         "joint[1].friction": 0.2,
+        "joint[0].gap_scale": 2.0,
         "joint[1].pressure.bolts[1].force": 77.0,
         "material.E": 1e11,
         "material.regions.cover.E": 1.5e11,
@@ -219,9 +221,12 @@ def test_texts_keep_all_but_the_values(tmp_path):
     assert "# first" in text
     assert "# steel" in text
     read, given = tomllib.loads(text), tomllib.loads(INLINE)
-    for entry, friction in zip(given["joint"], (0.1, 0.2), strict=True):
-        entry["friction"] = friction
-    given["joint"][1]["pressure"]["bolts"][1]["force"] = 77.0
+    first, second, third, *_ = given["joint"]
+    first |= {"friction": 0.1, "gap": "../../a.csv", "gap_scale": 2.0}
+    second |= {"friction": 0.2, "gap": {"file": "../../b.csv", "margin": 1e-3}}
+    second["pressure"]["bolts"][1]["force"] = 77.0
+    third["gap"] = ["../../c.csv", {"file": "../../d.csv"}]
+    given["sweep"]["joint[0].gap"] = ["../../a.csv", "../../f.csv"]
     given["material"] = {"E": 1e11, "regions": {"cover": {"E": 1.5e11}}}
     given["bolt"][0]["force"] = 1234.5678901234567
     given["damping"] = {"mass": 3.0}
@@ -237,29 +242,6 @@ def test_texts_keep_all_but_the_values(tmp_path):
         "bolt": [{"force": 1.0}, {"force": 2.0}],
         "mesh": {"file": "/meshes/one.msh"},
     }
-
-
-def test_files_of_gaps_are_those_beside_the_scene(tmp_path):
-    text = """\
-joint = [
-  { on = "a", gap = "a.csv" }, { on = "b", gap = { file = "b.csv", margin = 1e-3 } },
-  { on = "c", gap = ["c.csv", { file = "d.csv" }] }, { on = "d", gap = 1e-6 }, { on = "e" },
-]
-[sweep]
-"joint[0].gap" = ["a.csv", "f.csv"]
-"joint[3].gap" = [1e-6, 2e-6]
-"""
-    moved = tomllib.loads(rewritten(text, {"joint[0].gap_scale": 2.0}, tmp_path, tmp_path / "out"))
-    assert moved["joint"] == [
-        {"on": "a", "gap": "../a.csv", "gap_scale": 2.0},
-        {"on": "b", "gap": {"file": "../b.csv", "margin": 1e-3}},
-        {"on": "c", "gap": ["../c.csv", {"file": "../d.csv"}]},
-        {"on": "d", "gap": 1e-6},
-        {"on": "e"},
-    ]
-    assert moved["sweep"] == {
-        "joint[0].gap": ["../a.csv", "../f.csv"], "joint[3].gap": [1e-6, 2e-6]
-    }  # fmt: skip
 
 
 BOLTS = """pressure = { bolts = [
@@ -348,8 +330,6 @@ def test_profiles_are_written_beside_the_other_files(tmp_path, rows, capsys):
     given = arguments(scene, [data(tmp_path, rows)], out, "--profile", free=FREE[:1])
     assert cli.main(given) == 0
     assert "95 % interval by profile" in capsys.readouterr().out
-    found = csv_rows(out / "profiles.csv")
-    assert {row["name"] for row in found} == {FREE[0].partition("=")[0]}
-    excess = [float(row["excess_of_squares"]) for row in found]
-    assert min(excess) == 0.0
-    assert max(excess) > 3.84
+    found = pd.read_csv(out / "profiles.csv")
+    assert {*found.name} == {KEY}
+    assert found.excess_of_squares.min() == 0.0 < 3.84 < found.excess_of_squares.max()

@@ -153,13 +153,6 @@ def test_the_largest_displacement_is_drawn_as_a_fiftieth_to_a_twentieth_of_the_l
     assert pictures.warp_factor(frames) == 1.0
 
 
-@draws
-def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
-    with pytest.raises(sj.InputError, match="cannot be written"):
-        pictures.still(tmp_path / "no" / "a.png", pulled(lap()))
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("library", "draw", "extra"),
     [

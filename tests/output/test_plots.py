@@ -229,7 +229,7 @@ def test_a_plate_or_a_face_is_drawn_in_its_plane(made, ends):
 
 def test_the_work_of_friction_is_drawn_by_area_and_added_up():
     patch = lap().patches[0]
-    figure = plots.friction_work_figure(lap().body, patch, 2e-3 * patch.area, "over the run")
+    figure = plots.friction_work_figure(lap().body, patch, 2e-3 * patch.area)
     assert figure.get_suptitle() == f"joint: {2e-3 * patch.area.sum():.4g} J over the run"
     panel, scale = figure.axes
     assert scale.get_xlabel() == "friction work over the run, mJ/m²"

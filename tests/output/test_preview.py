@@ -9,14 +9,14 @@ import pytest
 from bodies import two_bars
 from drawing import draws
 from pictured import matrices_scene
+from scene_texts import written
 
 from skfem_joint import cli
 from skfem_joint.output.drawing.preview import Preview, joint_marks, preview_of
 from skfem_joint.output.drawing.preview_picture import preview_figure, write_preview
 from skfem_joint.scene import load_scene
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -24,20 +24,15 @@ SCENES = ["structure_harmonic", "plate_bolts", "two_plates",
           pytest.param("solid_lap_joint", marks=draws)]  # fmt: skip
 
 
-def written(figure):
+def texts_of(figure):
     """Texts of a figure, its labels among them."""
     return [text.get_text() for panel in (figure, *figure.axes) for text in panel.texts]
 
 
-def changed(folder: Path, name: str, *changes: tuple[str, str], more: str = "") -> Path:
+def changed(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
     """File of an example with some of its text exchanged."""
     text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
-    for old, new in (("../meshes", (ROOT / "meshes").as_posix()), *changes):
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    path = folder / f"{name}.toml"
-    path.write_text(text + more, encoding="utf-8")
-    return path
+    return written(folder, *changes, text=text)
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +63,9 @@ def test_each_joint_support_load_and_bolt_is_drawn_and_labelled(name, previews):
         assert np.all(mark.at >= structure.nodes.min(axis=0) - 1e-9)
         assert np.all(mark.at <= structure.nodes.max(axis=0) + 1e-9)
     figure = preview_figure(preview)
-    assert preview.title in written(figure)
-    assert all(mark.text in written(figure) for mark in preview.marks)
-    assert any("Arrows show loads in their positive direction." in t for t in written(figure))
+    assert preview.title in texts_of(figure)
+    assert all(mark.text in texts_of(figure) for mark in preview.marks)
+    assert any("Arrows show loads in their positive direction." in t for t in texts_of(figure))
     titles = [f"{axes.get_xlabel()} {axes.get_title()}" for axes in figure.axes]
     assert any("pressure on the joints, MPa" in title for title in titles)
     assert any(title.startswith(("x, mm", "position along the bar, mm")) for title in titles)
@@ -134,7 +129,7 @@ def test_bars_on_each_other_are_drawn_apart():
     figure = preview_figure(Preview("two bars", structure, marks))
     bars = figure.axes[0].collections[0].get_paths()
     assert len({path.vertices[:, 1].min() for path in bars}) == 2
-    assert any("The thickness of bars is not to scale." in text for text in written(figure))
+    assert any("The thickness of bars is not to scale." in text for text in texts_of(figure))
     assert marks[0].text.split("\n")[1] == "against lower_joint"
 
 
@@ -151,7 +146,9 @@ def test_slender_plates_from_the_side_are_enlarged_and_the_axis_stays_true(tmp_p
     assert joint.cells.shape[1] == 2
     assert len(preview.of_kind("support")) == 2
     figure = preview_figure(preview)
-    assert any("Lengths along y are drawn larger than along x." in text for text in written(figure))
+    assert any(
+        "Lengths along y are drawn larger than along x." in text for text in texts_of(figure)
+    )
     figure.canvas.draw()
     ticks = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert {"0", "10"} <= set(ticks)

@@ -37,6 +37,12 @@ def of(sets, kind):
     return [each for each in sets if each["type"] == kind]
 
 
+def sets_of(folder, kind, structure, system, **results):
+    """Data sets of a kind in a file of what is given."""
+    path = sj.write_uff(folder / "a.uff", structure, system, **results)
+    return of(pyuff.UFF(str(path)).read_sets(), kind)
+
+
 def test_nodes_stand_where_they_are_and_elements_have_the_area_of_the_plate(made, sets):
     (nodes,), (elements,) = of(sets, 2411), of(sets, 2412)
     at = np.column_stack([nodes[name] for name in "xyz"])
@@ -78,8 +84,7 @@ def test_responses_are_the_first_harmonic_over_the_force(made, sets):
 def test_modes_at_levels_have_their_shape_frequency_and_damping(made, tmp_path):
     structure, system, *_ = made
     (curve,) = sj.backbone(system, levels=4)
-    path = sj.write_uff(tmp_path / "a.uff", structure, system, backbones=[curve])
-    shapes = of(pyuff.UFF(str(path)).read_sets(), 55)
+    shapes = sets_of(tmp_path, 55, structure, system, backbones=[curve])
     assert [shape["load_case"] for shape in shapes] == [1, 2, 3, 4]
     for k, shape in enumerate(shapes):
         assert shape["mode_n"] == 1
@@ -126,8 +131,7 @@ def test_directions_have_signs_and_oblique_ones_none(made, tmp_path):
     for along, number in (((-1.0, 0.0), -1), ((1.0, 1.0), 0)):
         system = structure.system([sj.Load("right", sj.Harmonic(FORCE, 500.0), along)])
         curves = sj.response(sj.reduce(system, frequency=4000.0), np.array([1000.0, 2000.0]))
-        path = sj.write_uff(tmp_path / "a.uff", structure, system, curves=curves)
-        (response,) = of(pyuff.UFF(str(path)).read_sets(), 58)
+        (response,) = sets_of(tmp_path, 58, structure, system, curves=curves)
         assert (response["ref_dir"], response["rsp_dir"]) == (number, number)
 
 
@@ -153,10 +157,8 @@ def test_points_of_both_bodies_at_a_joint_are_at_their_own_nodes(turned, tmp_pat
     system = structure.system([sj.Load("upper", sj.Harmonic(FORCE, 500.0), (1.0, 0.0))])
     model = sj.reduce(system, 4, frequency=4000.0)
     curves = sj.response(model, [1000.0, 2000.0], steps_per_cycle=64)
-    path = sj.write_uff(tmp_path / "a.uff", structure, system, curves=curves)
-    found = [
-        (each["rsp_node"], each["rsp_dir"]) for each in of(pyuff.UFF(str(path)).read_sets(), 58)
-    ]
+    responses = sets_of(tmp_path, 58, structure, system, curves=curves)
+    found = [(each["rsp_node"], each["rsp_dir"]) for each in responses]
     nodes = [structure.body.nodes_of(name)[0] + 1 for name in points]
     assert found[1:] == [(node, direction) for node in nodes for direction in (1, 2)]
 
@@ -164,7 +166,6 @@ def test_points_of_both_bodies_at_a_joint_are_at_their_own_nodes(turned, tmp_pat
 def test_prisms_are_wedges_of_six_nodes(tmp_path):
     mesh = sj.build_box([("box", 0.1, 2)], (0.02, 0.02), (1, 1), kind="prism")
     structure = sj.Structure(mesh, STEEL, fixed=["left"], order=1)
-    path = sj.write_uff(tmp_path / "a.uff", structure, structure.system())
-    (elements,) = of(pyuff.UFF(str(path)).read_sets(), 2412)
+    (elements,) = sets_of(tmp_path, 2412, structure, structure.system())
     assert {kind for kind in elements if isinstance(kind, int)} == {112}
     assert {len(set(each["nodes_nums"])) for each in elements[112]} == {6}

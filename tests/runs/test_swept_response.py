@@ -117,31 +117,32 @@ def test_a_slow_sweep_has_the_steady_amplitudes_and_a_fast_one_lower_later_ones(
     assert max(up.peak[1], down.peak[1]) < 0.99 * steady.peak[1]
 
 
-def test_wrong_arguments_are_refused():
-    system = oscillator(1.0)
-    load = system.loads[0]
-    for match, changed, arguments in (
-        ("rate", system, ((25.0, 45.0), -1.0)),
-        ("last_frequency: found 25, must differ", system, ((25.0, 25.0), 1.0)),
-        ("level: found 0", system, ((25.0, 45.0), 1.0, 0.0)),
-        ("must be two", system, ((25.0, 35.0, 45.0), 1.0)),
-        ("the sweep is over within a cycle", system, ((25.0, 26.0), 1e4)),
-        ("nothing is observed", replace(system, points=(), P=np.zeros((0, 1))), ((25.0, 45.0), 1)),
+ENDS = (25.0, 45.0)
+
+
+@pytest.mark.parametrize(
+    ("loads", "arguments", "words"),
+    [
+        ((), (ENDS, -1.0), "rate"),
+        ((), ((25.0, 25.0), 1.0), "last_frequency: found 25, must differ"),
+        ((), (ENDS, 1.0, 0.0), "level: found 0"),
+        ((), ((25.0, 35.0, 45.0), 1.0), "must be two"),
+        ((), ((25.0, 26.0), 1e4), "the sweep is over within a cycle"),
+        (None, (ENDS, 1.0), "nothing is observed"),
+        ([sj.Versine(1.0, 0.1)], (ENDS, 1.0), "load on 'mass': found Versine, must be Harmonic"),
+        ([sj.Harmonic(1.0, 10.0), sj.Harmonic(1.0, 9.0, 1.0)], (ENDS, 1.0), "of the same phase"),
         (
-            "load on 'mass': found Versine, must be Harmonic",
-            replace(system, loads=(replace(load, amplitude=sj.Versine(1.0, 0.1)),)),
-            ((25.0, 45.0), 1.0),
-        ),
-        (
-            "all of the same phase",
-            replace(system, loads=(load, replace(load, amplitude=sj.Harmonic(1.0, 9.0, 1.0)))),
-            ((25.0, 45.0), 1.0),
-        ),
-        (
+            [sj.Harmonic(1.0, 10.0), sj.Harmonic(1.0, 20.0)], (ENDS, 1.0),
             "loads of 10, 20 Hz, must be of one frequency",
-            replace(system, loads=(load, replace(load, amplitude=sj.Harmonic(1.0, 20.0)))),
-            ((25.0, 45.0), 1.0),
         ),
-    ):
-        with pytest.raises(sj.InputError, match=match):
-            sj.swept_response(changed, *arguments)
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_refused(loads, arguments, words):
+    system = oscillator(1.0)
+    if loads is None:
+        system = replace(system, points=(), P=np.zeros((0, 1)))
+    elif loads:
+        own = tuple(replace(system.loads[0], amplitude=amplitude) for amplitude in loads)
+        system = replace(system, loads=own)
+    with pytest.raises(sj.InputError, match=words):
+        sj.swept_response(system, *arguments)

@@ -71,9 +71,8 @@ def _working_window(chosen: str | None, display: str) -> str | None:
 
 def _draws(window: str) -> bool:
     """Whether a process of its own can draw with a kind of window."""
-    environment = {**os.environ, _VARIABLE: window}
-    if not window:
-        del environment[_VARIABLE]
+    environment = {name: value for name, value in os.environ.items() if name != _VARIABLE}
+    environment |= {_VARIABLE: window} if window else {}
     try:
         command = [sys.executable, SAFE_PATH, "-c", _PROBE]
         ended = subprocess.run(command, env=environment, capture_output=True, timeout=60.0)

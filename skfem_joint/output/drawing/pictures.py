@@ -197,13 +197,15 @@ class _Drawn:
     actor: Any
     cells: sparse.csr_array
 
-    def colour(self, grid: Any) -> None:
-        """Cut the contact out of the surface, and say where it slips."""
-        ids = self.surface.point_data["vtkOriginalPointIds"]
-        state = np.asarray(grid.point_data["slip_state"])[ids]
-        pressure = np.asarray(grid.point_data["pressure"])[ids]
+    def show(self, arrays: dict[str, Any], factor: float) -> None:
+        """Move to a frame, cut the contact out of the surface, and say where it slips."""
+        grid, ids = self.block.fill(arrays), self.surface.point_data["vtkOriginalPointIds"]
+        points = grid.points + factor * np.asarray(grid["displacement"])
+        for mesh in (self.surface, self.edges):
+            mesh.points = points[mesh.point_data["vtkOriginalPointIds"]]
+        state, pressure = (np.asarray(grid[name])[ids] for name in ("slip_state", "pressure"))
         if "contact_pressure" in grid.point_data:
-            pressure = np.maximum(pressure, np.asarray(grid.point_data["contact_pressure"])[ids])
+            pressure = np.maximum(pressure, np.asarray(grid["contact_pressure"])[ids])
         touches = state >= 0
         shown = self.surface.copy()
         shown.point_data["touches"] = touching(self.cells, np.where(touches, pressure, 0.0))
@@ -261,11 +263,7 @@ class Panel:
     def show(self, arrays: dict[str, Any], factor: float) -> None:
         """Move the blocks to a frame, colour their contact by stick and slip, and draw them."""
         for drawing in self.blocks:
-            grid, surface = drawing.block.fill(arrays), drawing.surface
-            points = grid.points + factor * np.asarray(grid["displacement"])
-            for mesh in (surface, drawing.edges):
-                mesh.points = points[mesh.point_data["vtkOriginalPointIds"]]
-            drawing.colour(grid)
+            drawing.show(arrays, factor)
         self.image.set_data(drawn(self.plotter))
 
 
