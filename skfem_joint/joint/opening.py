@@ -109,10 +109,10 @@ def opening_face(
     body: Nodes,
     joint: Joint,
     held: BoolArray,
-    normals: FloatArray | None,
+    normals: FloatArray,
     nodal: FloatArray,
     preloaded: NodalForces | None,
-    space: PressureSpace | None,
+    space: PressureSpace,
 ) -> OpeningFace:
     """Pressure points of a joint that opens.
 
@@ -122,22 +122,20 @@ def opening_face(
     joint : Joint
     held : ndarray of bool, shape (nodes of the body, dim)
         Displacements that supports hold.
-    normals : ndarray, shape (nodes of the body, dim), or None
+    normals : ndarray, shape (nodes of the body, dim)
         Outward unit normals of the face.
     nodal : ndarray, shape (nodes of the body,)
         Normal forces by the joint's own pressure, N.
     preloaded : NodalForces or None
         What counts in their place under a preload, and in place of the gap of mesh and joint.
-    space : PressureSpace or None
-        Of the joint; None where it has no boundary.
+    space : PressureSpace
+        Of the joint.
 
     Raises
     ------
     InputError
-        If the joint has no boundary, or a pressure is given beside a gap.
+        If a pressure is given beside a gap.
     """
-    if space is None or normals is None:
-        raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
     if preloaded is None:
         given = joint.gap_scale * space.given
         force, gap = nodal[space.nodes], np.maximum(space.gap, 0.0) + given

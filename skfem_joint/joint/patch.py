@@ -163,7 +163,8 @@ def make_patch(
     pressed = np.flatnonzero(force > 0.0)
     opposite = None if preloaded is None else preloaded.other
     if joint.opens:  # all nodes of whose face are contact points, with forces of their own
-        opening = opening_face(grid, joint, held, manifold.normals, force, preloaded, space)
+        face: Any = manifold.normals, force, preloaded, space
+        opening = opening_face(grid, joint, held, *face)
         pressed, at_node = opening.nodes, selection(opening.nodes, grid.n_nodes).T
         force, area = at_node @ opening.force, at_node @ opening.area
         opposite = sparse.csr_array(at_node @ opening.other)
