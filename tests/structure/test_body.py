@@ -8,6 +8,7 @@ import pytest
 import skfem
 from bodies import (
     ELEMENTS,
+    MIXED,
     PLANE,
     SOLID,
     STEEL,
@@ -62,7 +63,7 @@ def at_rest_inside(some: sj.Structure, u: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("shape", "order", "plane"),
-    [(*kind, "stress") for kind in ELEMENTS] + [(*kind, "strain") for kind in PLANE],
+    [(*kind, "stress") for kind in ELEMENTS + MIXED] + [(*kind, "strain") for kind in PLANE],
 )
 def test_patch_test_constant_strain_is_reproduced_and_the_mass_is_that_of_the_body(
     shape, order, plane

@@ -16,8 +16,6 @@ from skfem.helpers import ddot, sym_grad, trace
 import skfem_joint as sj
 from skfem_joint.body.body import Body
 from skfem_joint.body.nodes import values_in
-from skfem_joint.joint.pressure import nodal_pressure
-from skfem_joint.joint.rigid import body_motions
 from skfem_joint.mesh import build_box, load_meshes, merged, named
 from skfem_joint.mesh.cells import CELLS
 from skfem_joint.mesh.collapsed import is_collapsed
@@ -38,33 +36,6 @@ def body_of(what: str, order: int, n: int = 1, *, inside: bool = False, **change
 
 
 @pytest.mark.parametrize(("what", "order"), BOTH)
-def test_constant_strain_leaves_no_force_inside(what, order):
-    body = body_of(what, order, 2)
-    u = body.nodes @ np.random.default_rng(3).normal(size=(body.dim, body.dim)).T
-    force = body.unpacked(body.matrices()[1] @ u.ravel())
-    inner = np.ones(body.n_nodes, dtype=bool)
-    inner[np.unique(body.facet_cells(body.mesh.mesh.boundary_facets())[0])] = False
-    assert inner.sum() > 20
-    scale = (abs(body.matrices()[1]) @ np.abs(u).ravel()).max()
-    assert np.abs(force[inner]).max() < 1e-14 * scale
-    stress = body.stress(u)
-    np.testing.assert_allclose(stress, np.broadcast_to(stress[0], stress.shape), rtol=1e-11)
-
-
-@pytest.mark.parametrize(("what", "order"), BOTH)
-def test_rigid_motions_alone_have_no_energy(what, order):
-    body = body_of(what, order)
-    M, K = (A.toarray() for A in body.matrices())
-    rigid = body_motions(body).reshape(len(K), -1)
-    assert rigid.shape[1] == {"solid": 6, "plate": 3}[what]
-    assert np.abs(K @ rigid).max() < 1e-13 * np.abs(K).max()
-    values = np.linalg.eigvalsh(K)
-    assert np.abs(values[: rigid.shape[1]]).max() < 1e-13 * values[-1]
-    assert values[rigid.shape[1]] > 1e-8 * values[-1]
-    assert np.linalg.eigvalsh(M)[0] > 0.0
-
-
-@pytest.mark.parametrize(("what", "order"), BOTH)
 def test_mass_and_moments_of_inertia_are_those_of_the_body(what, order):
     body = body_of(what, order, inside=True)
     size = np.array([0.6, 0.05, 0.02] if what == "solid" else [0.6, 0.06])
@@ -80,46 +51,6 @@ def test_mass_and_moments_of_inertia_are_those_of_the_body(what, order):
             exact = whole * size[i] * (size[i] / 3.0 if i == j else size[j] / 4.0)
             first, second = (np.outer(x[:, k], np.eye(dim)[0]).ravel() for k in (i, j))
             assert first @ M @ second == pytest.approx(exact, rel=1e-12)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("what", ["solid", "plate"])
-def test_pressure_on_faces_of_both_kinds_has_its_resultant(what, order):
-    """Force and moments of a pressure of 1 Pa, as a load and in a joint, are those of the face."""
-    body = body_of(what, order, inside=True)
-    face = "face" if what == "plate" else "back"
-    facets = body.mesh.boundaries[face]
-    low, size = (0.0, [0.6, 0.05]) if what == "solid" else (0.4, [0.2])
-    across = 1.0 if what == "solid" else body.thickness
-    area, middle = np.prod(size) * across, np.array([low + size[0] / 2, *np.array(size[1:]) / 2])
-    part = body.facet_basis(facets)
-    assert part.dx.sum() * across == pytest.approx(area, rel=1e-12)
-    load = body.integrals(part, -np.asarray(part.normals)) * across
-    axis = body.dim - 1
-    joint, shares, _ = nodal_pressure(
-        body.nodes, body.facet_cells(facets)[0], np.full(len(body.facet_cells(facets)[0]), across),
-        1.0, "joint",
-    )  # fmt: skip
-    even = body.even_shares(face) * area
-    assert joint.min() == 0.0
-    assert np.count_nonzero(joint) == body.nodes_of(face).size
-    for force in (-load[:, axis], joint, shares, even):
-        assert force.sum() == pytest.approx(area, rel=1e-12)
-        np.testing.assert_allclose(force @ body.nodes[:, :axis], area * middle, rtol=1e-12)
-    assert np.abs(load[:, :axis]).max() < 1e-14 * area
-
-
-def test_a_bolt_presses_triangles_and_quadrilaterals_with_its_whole_force():
-    """Its ring crosses sides of both kinds; middle and force of the pressure are the bolt's."""
-    body = body_of("solid", 1, 2, inside=True)
-    cells = body.facet_cells(body.mesh.boundaries["back"])[0]
-    bolt = sj.Bolt((0.3, 0.025, 0.02), 1e4, head_radius=0.02, hole_radius=0.005)
-    force, _, share = nodal_pressure(
-        body.nodes, cells, np.ones(len(cells)), sj.Bolts((bolt,)), "joint"
-    )
-    assert share == pytest.approx((1.0,))
-    assert force.sum() == pytest.approx(1e4, rel=1e-12)
-    np.testing.assert_allclose(force @ body.nodes[:, :2] / 1e4, [0.3, 0.025], rtol=1e-9)
 
 
 def test_a_prism_is_scikit_fems_own():

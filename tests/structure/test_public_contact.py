@@ -174,7 +174,10 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
         (lambda: plain.with_damping_ratio("a"), "damping.ratio: found 'a', must be above 0"),
         (lambda: plain.with_damping_ratio(1.5), "damping.ratio: found 1.5, must be above 0"),
         (lambda: plain.expand(3), r"expand: u: found shape \(\), must be \(4,\)"),
-        (lambda: plain.expand(np.ones((2, 3))), r"expand: u: found shape \(2, 3\), must be \(2, 4\)"),
+        (
+            lambda: plain.expand(np.ones((2, 3))),
+            r"expand: u: found shape \(2, 3\), must be \(2, 4\)",
+        ),
         (lambda: plain.project(np.ones((3, 2))), "basis: found shape"),
         (lambda: replace(plain, T=np.ones((5, 3))), "T: found shape"),
         (lambda: sj.System(M_4, None, K_4, contact.B), r"found csr_array, must be an sj\.Contact"),
