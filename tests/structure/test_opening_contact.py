@@ -65,20 +65,6 @@ def test_sums_of_contacts_keep_their_pressure_points():
         assert np.array_equal(points > 0.0, np.array(both.names) == "base")
 
 
-@pytest.mark.parametrize(
-    ("values", "problem"),
-    [
-        ({}, "pressure: missing"),
-        ({"contact": "sticky", "pressure": 1e6}, "contact: found 'sticky'"),
-        ({"contact": "unilateral", "clearance": 1e-5}, "unexpected argument 'clearance'"),
-    ],
-)
-def test_wrong_values_are_refused(values, problem):
-    basis = basis_of(block().mesh)
-    with pytest.raises(sj.InputError, match=problem):
-        sj.contact(basis, "base", friction=0.5, **values)
-
-
 def held_block(shape, order, named: bool, penalty: float = 0.0):
     """Block pressed on a rigid base and held on one side, or there on springs of a penalty."""
     elements = 3 if shape == "quad" else 3 - order

@@ -194,6 +194,9 @@ SHARED = "give all that open a finite normal_stiffness"
         (point, {"stiffness": 0.0}, "stiffness: found 0.0, must be > 0"),
         (point, {"name": ""}, "found name ''"),
         (point, {"approach": [1.0, 0.0], "stiffness": 1.0}, SHARED),
+        (sj.point_friction, {"row": np.zeros(4), "limit": 1.0}, "point_friction: found rows of"),
+        (sj.point_friction, {"row": np.ones((3, 4)), "limit": 1.0}, "point_friction: found rows"),
+        (sj.point_friction, {"row": ONE, "limit": 1.0, "name": 3}, "point_friction: found name 3"),
         (stops, {"stiffness": np.inf}, SHARED),
     ],
 )  # fmt: skip

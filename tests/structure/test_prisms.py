@@ -208,22 +208,22 @@ def test_pictures_show_all_kinds(what, order):
         assert count == [part.elements.size for part in mesh.parts]
 
 
-def lap(order: int | str, lower: Any = mixed_box, **joint: Any) -> sj.Structure:
+def lap(lower: sj.NamedMesh, order: int, bolts: Any = (), **joint: Any) -> sj.Structure:
     """Lap of a mixed body on another one, pressed at the end of each."""
-    first = lower(1)
     upper = build_box(
         [("over", 0.2, 3), ("far", 0.4, 4)], (0.05, 0.02), (2, 2), origin=(0.4, 0.0, 0.02),
-        boundaries={"under": ("front", "over"), "end": "right"},
+        boundaries={"under": ("front", "over"), "head": ("back", "over"), "end": "right"},
     )  # fmt: skip
-    mesh = merged([upper, first])
     given = {"on": "under", "against": "face", "pressure": 1e6, "friction": 0.3, **joint}
-    return sj.Structure(mesh, STEEL, fixed=["left"], order=order, joints=[sj.Joint(**given)])
+    joints = [sj.Joint(**given)]
+    how: Any = {"fixed": ["left"], "order": order, "joints": joints, "bolts": bolts}
+    return sj.Structure(merged([upper, lower]), STEEL, **how)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_joint_on_faces_of_both_kinds_has_its_forces_and_follows_linear_motion(order):
     """Clamp force, area, and slip of a linear displacement of both bodies: none to round-off."""
-    structure = lap(order)
+    structure = lap(mixed_box(), order)
     words = f"2 bodies, 86 elements of order {order}, 42 hexahedra and 44 prisms."
     assert structure.overview() == words
     (patch,) = structure.patches
@@ -237,7 +237,7 @@ def test_a_joint_on_faces_of_both_kinds_has_its_forces_and_follows_linear_motion
 @pytest.mark.parametrize("order", [1, 2])
 def test_contact_that_opens_on_faces_of_both_kinds_carries_its_pressure(on, order):
     against = {"face": "under", "under": "face"}[on]
-    structure = lap(order, contact="unilateral", on=on, against=against)
+    structure = lap(mixed_box(), order, contact="unilateral", on=on, against=against)
     (patch,) = structure.patches
     assert patch.opening.force.sum() == pytest.approx(1e4, rel=1e-9)
     load = sj.Load("end", sj.Harmonic(1500.0, 50.0), direction=(1.0, 0.0, 0.0))
@@ -263,10 +263,6 @@ def test_contact_on_a_basis_of_prisms_is_refused(mesh):
 def test_a_bolt_through_prisms_and_hexahedra_presses_with_its_force(order):
     """Its head presses sides of both kinds; the joint carries the clamp force and no moment."""
     first = mixed_box(1)
-    upper = build_box(
-        [("over", 0.2, 3), ("far", 0.4, 4)], (0.05, 0.02), (2, 2), origin=(0.4, 0.0, 0.02),
-        boundaries={"under": ("front", "over"), "head": ("back", "over"), "end": "right"},
-    )  # fmt: skip
     nut = first.mesh.facets[:, first.boundaries["front"]]
     nut = nut[:, (first.mesh.p[0, nut] > 0.4 - 1e-9).all(axis=0)]
     sides = {name: first.mesh.facets[:, chosen] for name, chosen in first.boundaries.items()}
@@ -274,11 +270,8 @@ def test_a_bolt_through_prisms_and_hexahedra_presses_with_its_force(order):
         CELLS["hexahedron"], first.mesh.p, first.mesh.t, regions={"low": np.arange(58)}, points={},
         facets={"left": sides["left"], "face": sides["face"], "nut": nut},
     )  # fmt: skip
-    joint = sj.Joint("face", "preload", 0.3, against="under", contact="unilateral")
-    structure = sj.Structure(
-        merged([lower, upper]), STEEL, fixed=["left"], order=order, joints=[joint],
-        bolts=[sj.Clamp(1e4, head="head", nut="nut")],
-    )  # fmt: skip
+    joint = {"on": "face", "against": "under", "pressure": "preload", "contact": "unilateral"}
+    structure = lap(lower, order, [sj.Clamp(1e4, head="head", nut="nut")], **joint)
     (patch,) = structure.patches
     force = patch.opening.force
     assert force.sum() == pytest.approx(1e4, rel=1e-6)

@@ -138,6 +138,9 @@ FORCE = sj.Harmonic(1.0, 1.0)
         ({"points": {"a": np.full(4, np.nan)}}, "point 'a': .* finite"),
         ({"loads": {"a": (1, FORCE)}, "points": {"a": -np.eye(4)[1]}}, "points: 'a' is a load"),
         ({"contact": sj.SlipRows.none(3)}, "contact: B: found shape"),
+        ({"C": K_4, "stiffness_damping": 1e-3}, "beside C"),
+        ({"C": K_4, "mass_damping": 1e-3}, "beside C"),
+        ({"fixed": [1], "loads": {"a": (1, FORCE)}}, "load 'a': what holds the structure takes"),
         ({"contact": SAME + SAME}, "depend on each other"),
         ({"contact": [SAME, SAME]}, "depend on each other"),
         ({"contact": [SAME, "lap"]}, "contact: found str, must be what contact, .* or a list"),
@@ -147,19 +150,6 @@ def test_matrices_that_would_be_wrong_in_silence_are_refused(changes, match):
     values: dict[str, Any] = {"M": M_4, "K": K_4} | changes
     with pytest.raises(sj.InputError, match=match):
         sj.System.from_matrices(values.pop("M"), values.pop("K"), **values)
-
-
-@pytest.mark.parametrize(
-    ("row", "limit", "beta", "name"),
-    [
-        (np.zeros(4), 1.0, 1.0, "a"),
-        (np.ones((3, 4)), 1.0, 1.0, "a"),
-        (np.ones(4), 1.0, 1.0, 3),
-    ],
-)
-def test_points_that_cannot_be_are_refused(row, limit, beta, name):
-    with pytest.raises(sj.InputError, match="point_friction"):
-        sj.point_friction(row, limit, beta, name=name)
 
 
 def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
@@ -200,10 +190,14 @@ BOLTS = sj.Bolts((sj.Bolt((0.0, 2.0), 1.0, 0.1),))
         ({"width": np.nan}, "contact: width: found nan"),
         ({"fixed": [1000]}, "fixed: found 1000, must be"),
         ({"name": " "}, "contact: found name ' '"),
+        ({"pressure": None}, "pressure: missing"),
+        ({"contact": "sticky"}, "contact: found 'sticky'"),
+        ({"contact": "unilateral", "clearance": 1e-5}, "unexpected argument 'clearance'"),
     ],
 )
 def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for(changes, match):
     values: dict[str, Any] = {"on": "joint", "pressure": 1e6, "friction": 0.5} | changes
+    values = {key: value for key, value in values.items() if value is not None}
     with pytest.raises(sj.InputError, match=match):
         sj.contact(basis_of(block("quad")), values.pop("on"), **values)
 

@@ -138,6 +138,7 @@ def over(*ends: float, axis: Any = None, on: str = "joint") -> dict[str, Any]:
         # what each dimension needs
         (LINE, {"width": None}, "section.width: missing, a bar needs it"),
         (LINE, {"thickness": None}, "section.thickness: missing"),
+        (LINE, {"order": 2}, "mesh.order: found 2 for a bar"),
         (QUAD, {"thickness": None}, "section.thickness: missing, a plate needs it"),
         (QUAD, {"width": 1.0}, "a plate has none"),
         (HEX, {"thickness": 1.0}, "a solid has none"),
