@@ -82,9 +82,7 @@ def test_a_wavy_face_touches_as_westergaard_says(share, order):
 
 
 def touching(mesh: Any, **joint: Any) -> Any:
-    """Structure of blocks on a rigid base, or of two clamped ones, with a gap in the joint."""
-    if "pressure" in joint:
-        return clamped(mesh, [replace(JOINT, **joint)])
+    """Structure of a block on a rigid base, with a gap in the joint."""
     return structure(
         mesh, [sj.Joint("base", 0.0, 0.3, contact="unilateral", **joint)], fixed=("left",)
     )

@@ -15,31 +15,38 @@ from skfem_joint.system.unknowns import change_of_unknowns
 
 
 def same_up_to_order(one: sj.System, two: sj.System) -> None:
-    """Natural frequencies, limits, directions and laws agree."""
+    """Natural frequencies, open and closed, limits, directions, laws and pressure points agree."""
     how = {"k": 6, "sigma": 0.0, "return_eigenvectors": False}
-    values = [
-        np.sort(sparse.linalg.eigsh(s.K + 1e3 * s.M, M=s.M, v0=np.ones(s.n), **how))
-        for s in (one, two)
-    ]
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-7)
+    for pair in ((one, two), (one.closed(), two.closed())):
+        values = [
+            np.sort(sparse.linalg.eigsh(s.K + 1e3 * s.M, M=s.M, v0=np.ones(s.n), **how))
+            for s in pair
+        ]
+        np.testing.assert_allclose(values[0], values[1], rtol=1e-7)
     np.testing.assert_allclose(np.sort(one.contact.w), np.sort(two.contact.w), rtol=1e-12)
+    for name in ("gap", "force", "stiffness", "area"):
+        points = (np.sort(getattr(s.contact.normal, name)) for s in (one, two))
+        np.testing.assert_allclose(*points, rtol=1e-12)
     np.testing.assert_array_equal(np.sort(one.contact.directions), np.sort(two.contact.directions))
     assert np.isinf([one.contact.beta, two.contact.beta]).all()  # the default law is Coulomb's
 
 
 BLOCKS = [(block(*kind, 2, (0.2, 0.1, 0.1)), pressed("base"), "right") for kind in ELEMENTS[1:]]
 CELLS = [(body, pressed(), "right") for body, *_ in BLOCKS if body.dim == 2]
+LIFTING = [pressed("base", contact="unilateral", normal_stiffness=k) for k in (np.inf, 1e13)]
+OPENING = [(body, joint, "right") for body, *_ in BLOCKS for joint in LIFTING]
 PAIRS = [(lap(), LAP, "lower_left"), (side(), SIDE, "lower_left")]
 
 
-@pytest.mark.parametrize(("body", "joint", "fixed"), [*BLOCKS, *CELLS, *PAIRS])
+@pytest.mark.parametrize(("body", "joint", "fixed"), [*BLOCKS, *CELLS, *PAIRS, *OPENING])
 def test_contact_on_a_basis_is_that_of_the_structure(body, joint, fixed):
     plane = "strain" if body.dim == 2 else "stress"
     mine = structure(body, [joint], [fixed], plane=plane, incompatible=False).system()
     basis, depth = basis_of(body), 0.01 if body.dim == 2 else 1.0
     rows = sj.contact(
-        basis, joint.on, pressure=8e6, friction=0.7, against=joint.against, thickness=depth
-    )
+        basis, joint.on, pressure=8e6, friction=0.7, against=joint.against, thickness=depth,
+        contact=joint.contact, normal_stiffness=joint.normal_stiffness,
+    )  # fmt: skip
     theirs = {"fixed": basis.get_dofs(fixed), "contact": rows}
     same_up_to_order(mine, sj.System.from_matrices(*matrices(basis, depth), **theirs))
 
