@@ -25,6 +25,7 @@ from bodies import (
 
 import skfem_joint as sj
 from skfem_joint.mesh import NamedMesh, named
+from skfem_joint.structure import doubts
 
 LOAD = sj.Harmonic(1.0, 1.0)
 
@@ -433,3 +434,12 @@ def test_elements_that_keep_their_volume_are_said_to_be_too_stiff(plane):
         stiff = sj.natural_modes(system, 1).frequencies[0] / euler > 1.02
         assert any("material.poisson" in note for note in system.notes) == stiff
         assert stiff == (plane == "strain" and ratio > 0.4)
+
+
+@pytest.mark.parametrize(("installed", "n", "said"), [
+    (False, 20_001, True), (False, 20_000, False), (True, 20_001, False),
+])  # fmt: skip
+def test_large_models_name_the_extra_that_makes_their_factors_fast(installed, n, said, monkeypatch):
+    monkeypatch.setattr(doubts, "pardiso", lambda: object() if installed else None)
+    (sentence,) = [*doubts.without_pardiso(n)] or [""]
+    assert ('pip install "skfem-joint[solids]"' in sentence) == said
