@@ -399,22 +399,16 @@ def test_one_thing_in_place_of_a_list_is_refused_as_such():
         (lambda made: replace(made, joints=[{"on": "joint"}]), "joints: found dict, must be a Jo"),
         (lambda made: made.system([("left", 1.0)]), "loads: found tuple, must be a Load"),
         (lambda made: sj.integrate(made, step=1.0, n_steps=1), "system: found Structure, must be"),
-        (lambda made: sj.reduce(made), "system: found Structure, must be a System"),
-        (lambda made: sj.condense(made), "system: found Structure, must be a System"),
-        (lambda made: sj.natural_modes(made), "system: found Structure, must be a System"),
-        (lambda made: sj.backbone(made), "system: found Structure, must be a System"),
+        *((take, "system: found Structure, must be a System")
+          for take in (sj.reduce, sj.condense, sj.natural_modes, sj.backbone)),
         (lambda made: sj.response(made, [1.0]), "system: found Structure, must be a System"),
         (lambda _: sj.MultiHarmonic([1.0]), "components: found float, must be a Harmonic"),
-        (
-            lambda made: sj.System.from_matrices(*made.matrices(), loads=[("a", 1)]),
-            "loads: found list, must be a Mapping",
-        ),
-        (
-            lambda made: sj.integrate(made.system(), step=1.0, n_steps=1, save=True),
-            "save: found bool, must be a Save",
-        ),
+        (lambda made: sj.System.from_matrices(*made.matrices(), loads=[("a", 1)]),
+         "loads: found list, must be a Mapping"),
+        (lambda made: sj.integrate(made.system(), step=1.0, n_steps=1, save=True),
+         "save: found bool, must be a Save"),
     ],
-)
+)  # fmt: skip
 def test_one_kind_of_thing_in_place_of_another_is_refused_by_its_name(make, words):
     with pytest.raises(sj.InputError, match=words):
         make(structure(QUAD, [pressed("joint")], ["left"]))

@@ -258,11 +258,7 @@ def opens() -> sj.Structure:
 @pytest.mark.parametrize(
     ("make", "key", "words"),
     [
-        (
-            bolted,
-            "joint[0].frictoin",
-            r"did you mean 'joint\[0\].friction'.*these are: joint",
-        ),
+        (bolted, "joint[0].frictoin", r"did you mean 'joint\[0\].friction'.*these are: joint"),
         (bolted, "joint[5].friction", r"joint\[5\].friction: it is no number that can be varied"),
         (bolted, "friction", "no number that can be varied"),
         (bolted, "joint[0].beta", "no number that can be varied"),
@@ -270,11 +266,7 @@ def opens() -> sj.Structure:
         (bolted, "joint[0].tangential_stiffness", "give it a finite value to start from"),
         (bolted, "joint[0].normal_stiffness", "needs a joint with contact = 'unilateral'"),
         (bolted, "damping.ratio", "found none; give it a value"),
-        (
-            bolted,
-            "bolt[*].force",
-            r"bolt\[0\].force = 9000, .* = 7000; must be the same",
-        ),
+        (bolted, "bolt[*].force", r"bolt\[0\].force = 9000, .* = 7000; must be the same"),
         (bolted, "material.regions.ub.E", "no number that can be varied"),
         (table, "joint[0].pressure", "table of pressures cannot be varied"),
         (table, "damping.mass", "vary the ratio"),
