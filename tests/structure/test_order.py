@@ -14,7 +14,7 @@ from skfem_joint.mesh import order as orders
 SIZE = (0.3, 0.03, 0.03)
 
 
-@pytest.mark.parametrize("shape", ["tri", "tet"])
+@pytest.mark.parametrize("shape", ["tri", "tet", "mixed box", "mixed plate"])
 def test_auto_is_the_second_order_of_the_same_mesh(shape):
     body = block(shape, 1, 2, SIZE)
     auto = structure(body, order="auto")

@@ -20,7 +20,6 @@ from skfem_joint.mesh import build_box, load_meshes, merged, named
 from skfem_joint.mesh.cells import CELLS
 from skfem_joint.mesh.collapsed import is_collapsed
 from skfem_joint.mesh.named import from_parts
-from skfem_joint.mesh.order import of_order
 from skfem_joint.output.series import blocks_of
 from skfem_joint.structure import mesh_error
 
@@ -107,20 +106,6 @@ def test_the_mixed_cantilever_converges_to_the_closed_form_of_a_beam():
     assert np.log(errors[1][1] / errors[1][2]) / np.log(1.5) == pytest.approx(2.0, abs=0.2)
     assert np.abs(errors[2]).max() < 0.01
     assert abs(errors[2][1]) < 0.001
-
-
-def test_meshes_with_prisms_are_computed_with_quadratic_displacements():
-    for mesh, many, some in (
-        (mixed_box(), "hexahedra and prisms", "prisms"),
-        (mixed_plate(), "quadrilaterals and triangles", "triangles"),
-        (build_box([("a", 0.1, 1)], (0.1, 0.1), (1, 1), kind="prism"), "prisms", "ones"),
-    ):
-        raised, (note,) = of_order(mesh, "auto")
-        assert raised.order == 2
-        assert note.startswith(f"The {many} of first order are computed with quadratic")
-        assert f"since linear {some} bend too stiffly; mesh.order = 1 keeps" in note
-        assert of_order(mesh, 1) == (mesh, [])
-        assert of_order(mesh, "auto", lumped=True) == (mesh, [])
 
 
 def test_only_whole_elements_have_incompatible_modes():
