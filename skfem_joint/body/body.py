@@ -24,7 +24,6 @@ from skfem_joint.body.nodes import Nodes
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import refuse
 from skfem_joint.ground.values import POISSON, POSITIVE, check_kind, problems
-from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.system.unknowns import congruent
 
@@ -57,7 +56,7 @@ class Body(Nodes):
 
     Attributes
     ----------
-    mesh : NamedMesh or skfem.Mesh
+    mesh : NamedMesh
         Of dimension 1, 2 or 3, with named regions, boundaries and points.
     material : Material
     width : float, optional
@@ -89,9 +88,6 @@ class Body(Nodes):
     _last: list[Matrix] = field(init=False, repr=False, compare=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        given: object = self.mesh
-        if not isinstance(given, NamedMesh):
-            object.__setattr__(self, "mesh", named(given))
         check_kind("material", self.material, Material)
         refuse([*_value_problems(self), *_override_problems(self)])
 

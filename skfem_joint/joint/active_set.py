@@ -108,34 +108,46 @@ class UnilateralContact:
         return sparse.csr_array(G.T @ sparse.diags_array(self.penalty[active]) @ G)
 
     def solve(
-        self, first: BoolArray | None = None, progress: Progress = silent
+        self,
+        first: BoolArray | None = None,
+        progress: Progress = silent,
+        parts: Parts | None = None,
     ) -> tuple[FloatArray, FloatArray, BoolArray, int]:
         """Displacement (m), pressure (Pa), what is closed, and the number of sets tried.
 
         ``first`` (m,) is what is tried as closed first, everything if not given. ``progress`` is
-        called with the number of sets tried, 0, and a note, after each of them.
+        called with the number of sets tried, 0, and a note, after each of them. With ``parts`` all
+        is found on the unknowns in contact alone, to which these are condensed: the stiffness of
+        the others must have a factor while those in contact are held.
         """
+        if parts is not None:
+            kept = np.unique(self.G.indices).astype(np.intp)
+            inside = PartwiseComplement(self.K, kept, parts)
+            inner, interior = self._of_kept(inside)
+            inner = replace(inner, K=as_dense(inner.K))
+            u, p, active, count = inner.solve(first, progress)
+            return inside.extend(u, interior), p, active, count
         active = np.ones(self.area.size, dtype=bool) if first is None else first | self.tied
         u, p, count = np.zeros(self.force.size), np.zeros(self.area.size), 0
         if isinstance(self._open, SchurComplement):
             # The sets are found with the stiffness that is factorised, on the unknowns of contact
             # alone: without a solution for the others. What its shift changes is corrected then.
-            right, interior = self._open.restrict(self.force)
-            inner = self._of_kept(self._open, right, interior)
-            z, p, active, count = inner._searched(active, np.zeros(right.size), p, progress, 0)
+            inner, interior = self._of_kept(self._open)
+            vars(inner).update(penalty=self.penalty, _open=AllKept(inner.K))
+            z = np.zeros(inner.force.size)
+            z, p, active, count = inner._searched(active, z, p, progress, 0)
             u = self._open.extend(z, interior)
             self._last[:] = [(closed, self._open.by(kept)) for closed, kept in inner._last]
         return self._searched(active, u, p, progress, count)
 
     def _of_kept(
-        self, schur: SchurComplement, force: FloatArray, interior: FloatArray
-    ) -> UnilateralContact:
-        """The same on the unknowns of contact, with the complement of the shifted stiffness."""
-        S, G = schur.complement, sparse.csr_array(self.G)[:, schur.kept]
-        reach = _reach(schur, force.size, interior)
-        inner = UnilateralContact(S, G, self.area, self.gap, self.tied, force, reach)
-        vars(inner).update(penalty=self.penalty, _open=AllKept(S))
-        return inner
+        self, inside: SchurComplement | PartwiseComplement
+    ) -> tuple[UnilateralContact, FloatArray]:
+        """The same on the unknowns of contact, and what extends its solution to the others."""
+        force, interior = inside.restrict(self.force)
+        reach = float(np.abs(inside.extend(np.zeros(force.size), interior)).max())
+        G = sparse.csr_array(self.G)[:, inside.kept]
+        return replace(self, K=inside.complement, G=G, force=force, reach=reach), interior
 
     def _searched(
         self, active: BoolArray, u: FloatArray, p: FloatArray, progress: Progress, tried: int
@@ -244,28 +256,6 @@ class UnilateralContact:
                 "balance; do supports and contact hold every body?"
             )
         return u, p
-
-
-def solved_by_parts(
-    whole: UnilateralContact, parts: Parts, first: BoolArray | None, progress: Progress
-) -> tuple[FloatArray, FloatArray, BoolArray, int]:
-    """As `UnilateralContact.solve`, on the unknowns in contact alone, to which parts are condensed.
-
-    The stiffness of the others must have a factor while those in contact are held.
-    """
-    kept = np.unique(whole.G.indices).astype(np.intp)
-    inside = PartwiseComplement(whole.K, kept, parts)
-    force, interior = inside.restrict(whole.force)
-    K, G = as_dense(inside.complement), sparse.csr_array(whole.G[:, kept])
-    reach = _reach(inside, kept.size, interior)
-    small = replace(whole, K=K, G=G, force=force, reach=reach)
-    u, p, closed, count = small.solve(first, progress)
-    return inside.extend(u, interior), p, closed, count
-
-
-def _reach(inside: Uncondensed, kept: int, interior: FloatArray) -> float:
-    """See `UnilateralContact.reach`."""
-    return float(np.abs(inside.extend(np.zeros(kept), interior)).max())
 
 
 def _shifted(K: Matrix) -> Matrix:

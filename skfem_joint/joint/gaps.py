@@ -19,7 +19,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray, as_real
+from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.scans import NodeField, Scan
 
@@ -146,8 +146,3 @@ class Resolution:
         return Resolution(
             whole, resolved, rest, float(values.max()), float(np.ptp(x, axis=0).max())
         )
-
-
-def covered(hats: sparse.csr_array, weight: FloatArray) -> BoolArray:
-    """Points (k,) that lie over the other face and under chosen hats, (nodes, k), alone."""
-    return np.asarray((weight > 0.0) & (np.asarray(hats.sum(axis=0)).ravel() > 1.0 - 1e-9))

@@ -172,7 +172,8 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
             yield from wrong
             continue
         table = mesh.regions if kind == "region" else mesh.boundaries
-        parts = [table[name] for name in (joint.on, joint.against) if name is not None]
+        names = [name for name in (joint.on, joint.against) if name is not None]
+        parts = [table[name] for name in names]
         if joint.opens and (kind == "region" or mesh.dim == 1):
             yield (
                 f"{where}: contact = 'unilateral' needs a boundary, in two dimensions or three; "
@@ -180,8 +181,7 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
             )
         if kind == "boundary" and not all(np.isin(part, outer).all() for part in parts):
             yield f"{where}: it runs inside a body; a joint must be on its border"
-        names = dict.fromkeys(name for name in (joint.on, joint.against) if name is not None)
-        both = [problem for name in names for problem in both_faces(mesh, name, where)]
+        both = [p for name in dict.fromkeys(names) for p in both_faces(mesh, name, where)]
         yield from both
         elements = [part if kind == "region" else mesh.mesh.f2t[0, part] for part in parts]
         if len(parts) == 2 and not both and overlap(*(mesh.body[e] for e in elements)):

@@ -55,9 +55,9 @@ class NodalForces:
     means: Matrix
 
 
-@dataclass(frozen=True)
-class OpeningFace:
-    """Pressure points of a joint that opens.
+@dataclass(frozen=True, kw_only=True)
+class OpeningFace(NormalPart):
+    """Pressure points of a joint that opens; its ``N`` takes the approaches of their nodes.
 
     Attributes
     ----------
@@ -67,12 +67,8 @@ class OpeningFace:
         Outward normals there.
     other : sparse array, shape (k, nodes of the body)
         Displacement of the other body opposite to them; zero on a rigid base.
-    W : sparse array, shape (q, k)
-        Mean approach of each pressure point from those of the nodes; rows sum to 1.
     means : sparse array, shape (q, q)
         Means of forces over the hats of corners, by which pressures are shown.
-    gap, force, area, stiffness : ndarray, shape (q,)
-        As in :class:`skfem_joint.system.normal.NormalPart`.
     moves : ndarray of bool, shape (q,)
         Whether supports let the node of each pressure point approach; the others are not among the
         pressure points of a system.
@@ -81,38 +77,35 @@ class OpeningFace:
     nodes: IntArray
     normals: FloatArray
     other: sparse.csr_array
-    W: sparse.csr_array
     means: sparse.csr_array
-    gap: FloatArray
-    force: FloatArray
-    area: FloatArray
-    stiffness: FloatArray
     moves: BoolArray
 
     @staticmethod
-    def none(n: int, dim: int) -> OpeningFace:
+    def closed(n: int, dim: int) -> OpeningFace:
         """Of contact that stays closed, on a body of ``n`` nodes: without pressure points."""
-        empty, no_rows, none = np.zeros(0), sparse.csr_array((0, n)), sparse.csr_array((0, 0))
-        at, moves = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=bool)
         return OpeningFace(
-            at, np.zeros((0, dim)), no_rows, none, none, empty, empty, empty, empty, moves
+            **vars(NormalPart.none(0)),
+            nodes=np.zeros(0, dtype=np.intp),
+            normals=np.zeros((0, dim)),
+            other=sparse.csr_array((0, n)),
+            means=sparse.csr_array((0, 0)),
+            moves=np.zeros(0, dtype=bool),
         )
 
     @property
     def moving(self) -> NormalPart:
-        """The pressure points of a system, whose ``N`` takes the approaches of their nodes."""
-        every = NormalPart(self.W, self.gap, self.force, self.stiffness, self.area)
-        return every.among(np.flatnonzero(self.moves))
+        """The pressure points of a system."""
+        return self.among(np.flatnonzero(self.moves))
 
 
 def opening_face(
     body: Nodes,
     joint: Joint,
     held: BoolArray,
-    normals: FloatArray | None,
+    normals: FloatArray,
     nodal: FloatArray,
     preloaded: NodalForces | None,
-    space: PressureSpace | None,
+    space: PressureSpace,
 ) -> OpeningFace:
     """Pressure points of a joint that opens.
 
@@ -122,22 +115,20 @@ def opening_face(
     joint : Joint
     held : ndarray of bool, shape (nodes of the body, dim)
         Displacements that supports hold.
-    normals : ndarray, shape (nodes of the body, dim), or None
+    normals : ndarray, shape (nodes of the body, dim)
         Outward unit normals of the face.
     nodal : ndarray, shape (nodes of the body,)
         Normal forces by the joint's own pressure, N.
     preloaded : NodalForces or None
         What counts in their place under a preload, and in place of the gap of mesh and joint.
-    space : PressureSpace or None
-        Of the joint; None where it has no boundary.
+    space : PressureSpace
+        Of the joint.
 
     Raises
     ------
     InputError
-        If the joint has no boundary, or a pressure is given beside a gap.
+        If a pressure is given beside a gap.
     """
-    if space is None or normals is None:
-        raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
     if preloaded is None:
         given = joint.gap_scale * space.given
         force, gap = nodal[space.nodes], np.maximum(space.gap, 0.0) + given
@@ -154,7 +145,7 @@ def opening_face(
         nodes=space.nodes,
         normals=own,
         other=space.other,
-        W=_weights(body, space, own),
+        N=_weights(body, space, own),
         means=space.means(force),
         gap=np.where((force > 0.0) | (gap <= 1e-9 * body.mesh.size), 0.0, gap),
         force=force,

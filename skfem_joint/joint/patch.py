@@ -87,7 +87,7 @@ class Patch:
     cells: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     other: sparse.csr_array | None = None
     bolt_shares: tuple[float, ...] = ()
-    opening: OpeningFace = field(default_factory=lambda: OpeningFace.none(0, 0))
+    opening: OpeningFace = field(default_factory=lambda: OpeningFace.closed(0, 0))
 
     @property
     def stiffness(self) -> FloatArray:
@@ -159,11 +159,12 @@ def make_patch(
         force, area, shares = nodal_pressure(grid.nodes, *at)
     else:  # by bolts that are still to be tightened
         force = area = np.zeros(grid.n_nodes)
-    opening = OpeningFace.none(*held.shape)
+    opening = OpeningFace.closed(*held.shape)
     pressed = np.flatnonzero(force > 0.0)
     opposite = None if preloaded is None else preloaded.other
     if joint.opens:  # all nodes of whose face are contact points, with forces of their own
-        opening = opening_face(grid, joint, held, manifold.normals, force, preloaded, space)
+        face: Any = manifold.normals, force, preloaded, space
+        opening = opening_face(grid, joint, held, *face)
         pressed, at_node = opening.nodes, selection(opening.nodes, grid.n_nodes).T
         force, area = at_node @ opening.force, at_node @ opening.area
         opposite = sparse.csr_array(at_node @ opening.other)

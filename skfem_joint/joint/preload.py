@@ -26,7 +26,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.joint import active_set
-from skfem_joint.joint.active_set import UnilateralContact, solved_by_parts
+from skfem_joint.joint.active_set import UnilateralContact
 from skfem_joint.joint.clamps import Clamp
 from skfem_joint.joint.joints import PRELOAD, Joint
 from skfem_joint.joint.opening import NodalForces
@@ -173,10 +173,7 @@ def preload(
         K[free][:, free], G[:, free], area, area * gap, tied, force.ravel()[free]
     )
     first = None if like is None else like.closed
-    if parts is None:
-        u[free], p, closed, count = contact.solve(first, progress)
-    else:
-        u[free], p, closed, count = solved_by_parts(contact, parts, first, progress)
+    u[free], p, closed, count = contact.solve(first, progress, parts)
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.ROUND_OFF * p.max(initial=0.0), area * p, 0.0)
     touching = TouchingFaces(faces, free, closed, clamps)

@@ -19,11 +19,7 @@ from skfem_joint.joint.joints import Joint, joint_value_problems
 from skfem_joint.joint.manifold import SMALL, slip_directions
 from skfem_joint.joint.patch import Patch, point_stiffness
 from skfem_joint.matrix_files.labels import is_scalar, label_text
-from skfem_joint.matrix_files.modes import (
-    about_modes,
-    fixed_interface_frequencies,
-    highest_served,
-)
+from skfem_joint.matrix_files.modes import about_modes, fixed_interface_frequencies, highest_served
 from skfem_joint.mesh.named import name_problems
 from skfem_joint.structure.doubts import doubted
 from skfem_joint.structure.load import Load, under_loads
@@ -123,18 +119,10 @@ class MatrixModel:
 
     #: Whether the structure is said to move freely: of matrices that is not said.
     free: ClassVar[bool] = False
-
-    @property
-    def body(self) -> None:
-        """None: the positions of the nodes are unknown."""
-
-    @property
-    def mesh_error(self) -> None:
-        """None: so are the elements."""
-
-    @property
-    def loose_mesh_error(self) -> None:
-        """None as well."""
+    #: The positions of the nodes are unknown, and so are the elements.
+    body: ClassVar[None] = None
+    mesh_error: ClassVar[None] = None
+    loose_mesh_error: ClassVar[None] = None
 
     def meshed(self, purpose: str) -> NoReturn:
         """Refuse, because geometry is needed for the purpose.

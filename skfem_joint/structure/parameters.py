@@ -15,7 +15,6 @@ from typing import Any
 
 from skfem_joint.ground.errors import MOST_LISTED, InputError, closest, refuse
 from skfem_joint.ground.key_paths import EVERY, Location, key_parts, key_path
-from skfem_joint.joint.joints import Joint
 from skfem_joint.joint.pressure import Bolts
 from skfem_joint.structure.structure import Structure
 
@@ -122,7 +121,10 @@ def with_values(structure: Structure, values: Mapping[str, float]) -> Structure:
                 changed: dict[str, Any] = {name: value}
                 joints[i] = replace(joints[i], **changed)
             case ("joint", int(i), "pressure", "bolts", int(k), "force"):
-                joints[i] = _with_bolt_force(joints[i], k, value)
+                pressure: Any = joints[i].pressure
+                own = [*pressure.bolts]
+                own[k] = replace(own[k], force=value)
+                joints[i] = replace(joints[i], pressure=replace(pressure, bolts=tuple(own)))
             case ("bolt", int(i), "force"):
                 bolts[i] = replace(bolts[i], force=value)
             case ("material", "E"):
@@ -251,11 +253,3 @@ def _by_list(structure: Structure) -> Iterator[Location]:
         tuple(EVERY if isinstance(part, int) else part for part in place) for place in places
     ]
     yield from dict.fromkeys(place for place in several if several.count(place) > 1)
-
-
-def _with_bolt_force(joint: Joint, number: int, force: float) -> Joint:
-    """Joint with another force of one of the bolts that are its pressure."""
-    pressure: Any = joint.pressure
-    bolts = [*pressure.bolts]
-    bolts[number] = replace(bolts[number], force=force)
-    return replace(joint, pressure=replace(pressure, bolts=tuple(bolts)))

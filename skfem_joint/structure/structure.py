@@ -39,10 +39,10 @@ from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system.modes import KnownFit, ratio_problems
 from skfem_joint.system.slips import SlipRows
 from skfem_joint.system.system import AppliedLoad, System
-from skfem_joint.system.unknowns import (
-    ChangeOfUnknowns,
-    expanded,
-)
+from skfem_joint.system.unknowns import ChangeOfUnknowns, expanded
+
+#: What the body of a structure is made of, beside its mesh.
+_OF_BODY = "material", "width", "thickness", "plane", "mass", "regions", "incompatible"
 
 
 @dataclass(frozen=True)
@@ -154,17 +154,8 @@ class Structure:
         wrong = parts_problems(self.parts)
         try:
             body = None if like is None else like._body_for(self)
-            body = body or Body(
-                self.mesh,
-                self.material,
-                self.plane,
-                self.mass,
-                self.regions,
-                self.incompatible,
-                width=self.width,
-                thickness=self.thickness,
-            )
-            object.__setattr__(self, "body", body)
+            values = {name: getattr(self, name) for name in _OF_BODY}
+            object.__setattr__(self, "body", body or Body(self.mesh, **values))
         except InputError as error:
             wrong += error.problems
         wrong += [*self._damping_problems(), *self._support_problems()]
@@ -188,8 +179,7 @@ class Structure:
 
     def _body_for(self, other: Structure) -> Body | None:
         """Body of this structure, if another one has the same; else None."""
-        names = "material", "width", "thickness", "plane", "mass", "regions", "incompatible"
-        same = all(getattr(self, name) == getattr(other, name) for name in names)
+        same = all(getattr(self, name) == getattr(other, name) for name in _OF_BODY)
         return self.body if same and self.mesh is other.mesh else None
 
     def _hand_over(self, other: Structure) -> None:
@@ -223,11 +213,9 @@ class Structure:
     def _damping_problems(self) -> list[str]:
         """What is wrong with the damping."""
         factors = {"stiffness": self.stiffness_damping, "mass": self.mass_damping}
-        wrong = [
-            problem
-            for name, value in factors.items()
-            for problem in problems(f"damping.{name}", value, NOT_NEGATIVE)
-        ]
+        wrong: list[str] = []
+        for name, value in factors.items():
+            wrong += problems(f"damping.{name}", value, NOT_NEGATIVE)
         if self.damping_ratio is not None:
             wrong += ratio_problems(self.damping_ratio, factors)
         return wrong
@@ -348,9 +336,7 @@ class Structure:
         if self.dim == 1 or self.mesh.order > 1 or self.parts is not None:
             return None
         every, mesh = tuple(range(self.dim)), self.mesh
-        straight = [Straight(name, every) for name in self.fixed]
-        for component, names in enumerate((self.fixed_x, self.fixed_y, self.fixed_z)):
-            straight += [Straight(name, (component,)) for name in names]
+        straight = [Straight(*support) for support in self._supports]
         for joint in self.joints:
             faces = [name for name in (joint.on, joint.against) if name is not None]
             # Loose joints of faces hold them across the face, those of regions not at all.
@@ -367,12 +353,16 @@ class Structure:
     def held(self) -> BoolArray:
         """Whether a support holds each displacement, (N, dim)."""
         held = np.zeros((self.n_nodes, self.dim), dtype=bool)
-        for name in self.fixed:
-            held[self.body.nodes_of(name)] = True
-        for component, names in enumerate((self.fixed_x, self.fixed_y, self.fixed_z)):
-            for name in names:
-                held[self.body.nodes_of(name), component] = True
+        for name, components in self._supports:
+            held[self.body.nodes_of(name)[:, np.newaxis], components] = True
         return held
+
+    @property
+    def _supports(self) -> list[tuple[str, tuple[int, ...]]]:
+        """Name of each part that is held, and the components of its displacement that are."""
+        ways = [(self.fixed, tuple(range(self.dim)))]
+        ways += [(self.fixed_x, (0,)), (self.fixed_y, (1,)), (self.fixed_z, (2,))]
+        return [(name, components) for names, components in ways for name in names]
 
     @cached_property
     def preload(self) -> Preload | None:

@@ -196,25 +196,20 @@ class SlipRows:
         n = self.B.shape[1]
         if other.B.shape[1] != n:
             raise InputError(f"contact: found rows for {n} and for {other.B.shape[1]} unknowns")
-        pivots = None
+        pivots, both = None, (self, other)
         if self.pivots is not None and other.pivots is not None:
             h, k = self.closed.shape[0], other.closed.shape[0]
             pivots = np.concatenate(
                 [self.pivots[:h], other.pivots[:k], self.pivots[h:], other.pivots[k:]]
             )
-        return SlipRows(
-            B=stacked([self.B, other.B], n),
-            w=np.concatenate([self.w, other.w]),
-            beta=np.concatenate([self.beta, other.beta]),
-            directions=np.concatenate([self.directions, other.directions]),
-            closed=stacked([self.closed, other.closed], n),
-            pivots=pivots,
-            clamped=np.concatenate([self.clamped, other.clamped]),
-            names=(*self.names, *other.names),
-            stiffness=np.concatenate([self.stiffness, other.stiffness]),
-            normal=self.normal + other.normal,
-            notes=(*self.notes, *other.notes),
-        )
+        values: dict[str, Any] = {
+            name: np.concatenate([getattr(rows, name) for rows in both])
+            for name in ("w", "beta", "directions", "clamped", "stiffness")
+        }
+        for name in ("names", "normal", "notes"):
+            values[name] = getattr(self, name) + getattr(other, name)
+        B, closed = (stacked([getattr(x, name) for x in both], n) for name in ("B", "closed"))
+        return SlipRows(B=B, closed=closed, pivots=pivots, **values)
 
     @staticmethod
     def none(n: int) -> SlipRows:

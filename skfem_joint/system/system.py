@@ -474,8 +474,16 @@ class System:
             has the name of a load and another row, slip rows that depend on each other, and more
             than one kind of damping.
         """
-        for where, named in {"loads": loads, "points": points}.items():
-            check_kind(where, {} if named is None else named, Mapping)
+        forces: Mapping[str, Any] = {} if loads is None else loads
+        points = {} if points is None else points
+        check_kind("loads", forces, Mapping)
+        check_kind("points", points, Mapping)
+        refuse(
+            f"load {on!r}: found {type(pair).__name__}, must be two in a tuple: a vector of shape "
+            "(N,) or the number of a degree of freedom, and the amplitude over time"
+            for on, pair in forces.items()
+            if not (isinstance(pair, tuple | list) and len(pair) == 2)
+        )
         _check_damping(C, stiffness_damping, mass_damping, damping_ratio)
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
         n = square["M"].shape[0]
@@ -486,10 +494,10 @@ class System:
         M, K = sparse.csr_array(square["M"]), sparse.csr_array(square["K"])
         applied = tuple(
             AppliedLoad(vector_of(vector, n, f"load {on!r}"), as_amplitude(amplitude), on)
-            for on, (vector, amplitude) in (loads or {}).items()
+            for on, (vector, amplitude) in forces.items()
         )
         rows = {load.on: load.vector for load in applied}
-        observed = {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        observed = {k: vector_of(row, n, f"point {k!r}") for k, row in points.items()}
         refuse(
             f"points: {name!r} is a load, whose displacement is along its vector; rename the point"
             for name, row in observed.items()
@@ -538,15 +546,24 @@ class System:
         Raises
         ------
         InputError
-            If nothing vibrates.
+            For a ratio out of range, and if nothing vibrates.
         """
+        refuse(ratio_problems(ratio, {}))
         fit = fitted(*self.closed().stuck_problem)
         mass, stiffness = fit.factors(ratio)
         notes = *self.notes, fit.note(ratio)
         return replace(self, C=mass * self.M + stiffness * self.K, notes=notes)
 
     def expand(self, u: FloatArray) -> FloatArray:
-        """Displacement of all degrees of freedom, (..., N), from the unknowns, (..., n)."""
+        """Displacement of all degrees of freedom, (..., N), from the unknowns, (..., n).
+
+        Raises
+        ------
+        InputError
+            For arrays of another shape.
+        """
+        u = np.asarray(u)
+        refuse(wrong_shapes({"expand: u": (u, (*u.shape[:-1], self.n))}))
         return u if self.T is None else expanded(self.T, u)
 
     def slipping(self, slip: FloatArray, period: float = 0.0) -> BoolArray:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import skfem
+from mixed_meshes import mixed_box, mixed_plate
 
 import skfem_joint as sj
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named
@@ -17,6 +18,8 @@ STEEL = sj.Material(E, DENSITY, NU)
 #: Shape and order of the elements.
 ELEMENTS = [("line", 1), ("tri", 1), ("tri", 2), ("quad", 1), ("quad", 2),
             ("tet", 1), ("tet", 2), ("hex", 1), ("hex", 2)]  # fmt: skip
+#: The same of meshes with hexahedra and prisms, and with quadrilaterals and triangles.
+MIXED = [("mixed box", 1), ("mixed box", 2), ("mixed plate", 1), ("mixed plate", 2)]
 PLANE = [kind for kind in ELEMENTS if kind[0] in ("tri", "quad")]
 SOLID = [kind for kind in ELEMENTS if kind[0] in ("tet", "hex")]
 _MESHES = {"line": skfem.MeshLine, "tri": skfem.MeshTri, "quad": skfem.MeshQuad,
@@ -28,6 +31,12 @@ def block(shape: str, order: int = 1, n: int = 3, size: tuple[float, ...] = (1, 
 
     ``joint`` is the half towards x = 0, ``rest`` the other one, ``corner`` the far corner.
     """
+    if shape.startswith("mixed"):  # of a size of its own
+        solid = shape == "mixed box"
+        body, low, high = (mixed_box, "front", "back") if solid else (mixed_plate, "bottom", "top")
+        body = body(1, order)
+        sides = {"base": body.boundaries[low], "top": body.boundaries[high]}
+        return replace(body, mesh=body.mesh.with_boundaries(sides))
     dim = {"line": 1, "tri": 2, "quad": 2, "tet": 3, "hex": 3}[shape]
     axes = [np.linspace(0.0, length, 2 * n + 1 if k == 0 else n + 1) for k, length in
             enumerate(size[:dim])]  # fmt: skip

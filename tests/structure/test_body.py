@@ -8,6 +8,7 @@ import pytest
 import skfem
 from bodies import (
     ELEMENTS,
+    MIXED,
     PLANE,
     SOLID,
     STEEL,
@@ -44,9 +45,11 @@ def any_body(shape: str, order: int) -> sj.NamedMesh:
     return mapped(body, bent)
 
 
-def measure(body: sj.NamedMesh) -> float:
+def moments(body: sj.NamedMesh) -> np.ndarray:
+    """Integrals of the products of 1 and the places x, y, z, (1 + dim, 1 + dim)."""
     basis = skfem.Basis(body.mesh, Nodes(body).element, intorder=5)
-    return float(skfem.Functional(lambda p: 1.0 + 0.0 * p.x[0]).assemble(basis))
+    x = np.array([np.ones_like(basis.dx), *np.asarray(basis.global_coordinates())])
+    return np.einsum("ieq,jeq,eq->ij", x, x, basis.dx)
 
 
 def at_rest_inside(some: sj.Structure, u: np.ndarray) -> np.ndarray:
@@ -62,9 +65,9 @@ def at_rest_inside(some: sj.Structure, u: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("shape", "order", "plane"),
-    [(*kind, "stress") for kind in ELEMENTS] + [(*kind, "strain") for kind in PLANE],
+    [(*kind, "stress") for kind in ELEMENTS + MIXED] + [(*kind, "strain") for kind in PLANE],
 )
-def test_patch_test_constant_strain_is_reproduced_and_the_mass_is_that_of_the_body(
+def test_patch_test_constant_strain_is_reproduced_and_mass_and_moments_are_those_of_the_body(
     shape, order, plane
 ):
     """Displacements linear in space: turns strain nothing, and push nothing inside."""
@@ -82,12 +85,18 @@ def test_patch_test_constant_strain_is_reproduced_and_the_mass_is_that_of_the_bo
     if d == 1:
         density = 0.5 * E * strain[0, 0] ** 2
     across = {1: WIDTH * THICKNESS, 2: THICKNESS, 3: 1.0}[d]
-    volume = across * measure(some.mesh)
+    exact = across * moments(some.mesh)
+    volume = exact[0, 0]
     energy = density * volume
     assert 0.5 * u @ (K @ u) == pytest.approx(energy, rel=1e-11)
     np.testing.assert_allclose(at_rest_inside(some, u), u, rtol=0, atol=1e-11 * np.abs(u).max())
     shifts, mass = np.tile(np.eye(d), some.n_nodes), DENSITY * volume
     np.testing.assert_allclose(shifts @ (M @ shifts.T), mass * np.eye(d), atol=1e-12 * mass)
+    if (shape, order) == ("mixed box", 1):  # whose quadrature is not exact for distorted prisms
+        return
+    along = np.array([np.ones(some.n_nodes), *some.nodes.T])
+    found = along @ M[::d, ::d] @ along.T
+    np.testing.assert_allclose(found, DENSITY * exact, atol=1e-12 * DENSITY * np.abs(exact).max())
 
 
 def gradient_of_harmonic(x: np.ndarray) -> np.ndarray:

@@ -52,31 +52,6 @@ def pressed_down(x: Any, y: Any, gap: Any, force: float, order: int = 1) -> tupl
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_parabola_of_gaps_over_a_flat_face_gives_the_pressure_of_hertz(order):
-    """Half width and peak of a cylinder on a rigid flat within 1 %, by 16 elements over it."""
-    a, radius, n = 1e-3, 2.0, 16
-    size, even = 40.0 * a, 1.5 * a
-    peak = MODULUS * a / (2.0 * radius)
-    # Even elements in the contact, ever longer ones to forty times its half width.
-    x = np.concatenate(
-        [np.arange(1.5 * n) * a / n, np.geomspace(even, size, int(4.0 * np.log(size / even)) + 3)]
-    )
-    y = np.concatenate([[0.0], np.cumsum(np.geomspace(a / n, 0.15 * size, 16))])
-    y *= size / y[-1]
-    place, p, pressed = pressed_down(
-        x, y, lambda x: x[:, 0] ** 2 / (2.0 * radius), 0.25 * np.pi * peak * a, order
-    )
-    inside = p > 0.3 * p.max()
-    slope, top = np.polyfit(place[inside] ** 2, p[inside] ** 2, 1)
-    assert np.sqrt(-top / slope) == pytest.approx(a, rel=0.01)
-    assert np.sqrt(top) == pytest.approx(peak, rel=0.01)
-    assert p.max() == pytest.approx(peak, rel=0.01)
-    assert place[p > 0.0].max() == pytest.approx(a, abs=1.01 * a / n)
-    assert p.sum() > 0.0
-    assert pressed.spaces[0].resolution.lost < 0.01
-
-
-@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("share", [0.25, 0.75, 1.5])
 def test_a_wavy_face_touches_as_westergaard_says(share, order):
     """Pressed by a share of what closes it: sin²(π a / λ) = share, or closed with p + p* cos.
@@ -107,9 +82,7 @@ def test_a_wavy_face_touches_as_westergaard_says(share, order):
 
 
 def touching(mesh: Any, **joint: Any) -> Any:
-    """Structure of blocks on a rigid base, or of two clamped ones, with a gap in the joint."""
-    if "pressure" in joint:
-        return clamped(mesh, [replace(JOINT, **joint)])
+    """Structure of a block on a rigid base, with a gap in the joint."""
     return structure(
         mesh, [sj.Joint("base", 0.0, 0.3, contact="unilateral", **joint)], fixed=("left",)
     )
@@ -249,12 +222,9 @@ def test_units_of_a_scan_are_questioned():
 @pytest.mark.parametrize("order", [1, 2])
 def test_derivatives_by_the_scale_of_a_gap_are_those_of_the_system(contact, order):
     """Of clamped plates, whose preload changes with the gap."""
-    given = bolted(order=order, joint={"contact": contact})
-    face = given.nodes[given.spaces[0].nodes, 0]
-    middle, half = 0.5 * (face.min() + face.max()), 0.5 * np.ptp(face)
 
     def bow(x):
-        return 3e-7 * ((x[:, 0] - middle) / half) ** 2
+        return 3e-7 * ((x[:, 0] - 0.075) / 0.075) ** 2
 
     given = bolted(order=order, joint={"contact": contact, "gap": bow, "gap_scale": 0.8})
     found = agrees(given, loads("right", 2), "joint[0].gap_scale")

@@ -91,19 +91,6 @@ def test_damping_that_would_create_energy_is_refused(C, form):
         sj.MatrixModel(np.eye(N), K, form(C))
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"C": K, "stiffness_damping": 1e-3}, "beside C"),
-        ({"C": K, "mass_damping": 1e-3}, "beside C"),
-        ({"fixed": [N - 1]}, "load 'end': what holds the structure takes all of it"),
-    ],
-)
-def test_what_would_have_no_effect_beside_another_value_is_refused(given, words):
-    with pytest.raises(sj.InputError, match=words):
-        system_of(**given)
-
-
 @pytest.mark.parametrize("form", FORMS[1:])
 def test_rows_may_be_sparse(form):
     row, end = form(ROW[np.newaxis]), form(END[np.newaxis])

@@ -6,52 +6,13 @@ import numpy as np
 import pytest
 import skfem
 from bodies import block as solid_block
-from opening_blocks import SIZE, STEEL, block, loads
+from opening_blocks import SIZE, STEEL, block
 from own_matrices import basis_of, even_force, matrices
 from scipy import sparse
 
 import skfem_joint as sj
 
 DEPTH = 0.1
-
-
-def own_system(order=1, **opening):
-    """The block assembled on a basis of scikit-fem, held and loaded as the structure."""
-    basis = basis_of(block(order=order).mesh)
-    right = basis.get_dofs("right").all(["u^1"])
-    contact = sj.contact(basis, "base", friction=0.5, thickness=DEPTH, fixed=right, **opening)
-    forces = {
-        str(load.on): (even_force(basis, load.on, k), load.amplitude)
-        for k, load in zip((1, 0), loads(up=230e3), strict=True)
-    }
-    return sj.System.from_matrices(
-        *matrices(basis, DEPTH), fixed=right, contact=contact, loads=forces, stiffness_damping=2e-7
-    )
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_own_matrices_run_as_the_structure_does(order):
-    values = {"pressure": 50e6, "contact": "unilateral"}
-    own = own_system(order, **values)
-    plain = {"plane": "strain", "mass": "consistent", "incompatible": False}
-    made = replace(block(order=order), **plain).system(loads(up=230e3))
-    assert own.n == made.n
-    assert own.contact.normal.force.sum() == pytest.approx(200e3)
-    for joints in ("loose", "stuck"):
-        a, b = (sj.natural_modes(s, 3, joints=joints).frequencies for s in (own, made))
-        assert a == pytest.approx(b, rel=1e-6)
-    a, b = (sj.integrate(s, cycles=1, steps_per_cycle=60) for s in (own, made))
-    assert a.opened.any()
-    assert a.point_u == pytest.approx(b.point_u, abs=1e-6 * np.abs(b.point_u).max())
-    assert a.energy_residual < 1e-11
-
-
-def test_gap_and_stiffness_arrive():
-    system = own_system(contact="unilateral", gap=1e-5, normal_stiffness=1e13)
-    assert np.all(system.contact.normal.gap == 1e-5)
-    assert system.contact.normal.stiffness == pytest.approx(1e13 * system.contact.normal.area)
-    assert np.all(system.contact.w == 0.0)
-    assert system.contact.count == 3
 
 
 def test_sums_of_contacts_keep_their_pressure_points():
@@ -63,20 +24,6 @@ def test_sums_of_contacts_keep_their_pressure_points():
         assert both.normal.gain.shape == (8, 4)
         points = both.normal.gain @ np.full(4, 1.0)
         assert np.array_equal(points > 0.0, np.array(both.names) == "base")
-
-
-@pytest.mark.parametrize(
-    ("values", "problem"),
-    [
-        ({}, "pressure: missing"),
-        ({"contact": "sticky", "pressure": 1e6}, "contact: found 'sticky'"),
-        ({"contact": "unilateral", "clearance": 1e-5}, "unexpected argument 'clearance'"),
-    ],
-)
-def test_wrong_values_are_refused(values, problem):
-    basis = basis_of(block().mesh)
-    with pytest.raises(sj.InputError, match=problem):
-        sj.contact(basis, "base", friction=0.5, **values)
 
 
 def held_block(shape, order, named: bool, penalty: float = 0.0):

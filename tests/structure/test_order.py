@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import skfem
-from bodies import STEEL, block, section, structure
+from bodies import STEEL, block, structure
 
 import skfem_joint as sj
 from skfem_joint.mesh import named
@@ -14,7 +14,7 @@ from skfem_joint.mesh import order as orders
 SIZE = (0.3, 0.03, 0.03)
 
 
-@pytest.mark.parametrize("shape", ["tri", "tet"])
+@pytest.mark.parametrize("shape", ["tri", "tet", "mixed box", "mixed plate"])
 def test_auto_is_the_second_order_of_the_same_mesh(shape):
     body = block(shape, 1, 2, SIZE)
     auto = structure(body, order="auto")
@@ -62,12 +62,6 @@ def test_a_factor_beyond_the_memory_keeps_the_first_order_and_says_so(monkeypatc
 def test_other_orders_are_refused(order):
     with pytest.raises(sj.InputError, match=r"mesh.order: found .*, must be 'auto', 1 or 2"):
         structure(block("tri"), order=order)
-
-
-def test_bars_have_no_second_order():
-    bar = block("line")
-    with pytest.raises(sj.InputError, match=r"mesh.order: found 2 for a bar"):
-        sj.Structure(bar, STEEL, **section(bar), fixed=["left"], order=2)
 
 
 def test_structures_with_other_values_take_the_raised_body_over():

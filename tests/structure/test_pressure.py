@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import MU, WIDTH, block, distorted, pressed, structure
+from mixed_meshes import mixed_box
 from scipy.integrate import quad
 from skfem import MeshTri
 
@@ -104,6 +105,7 @@ def test_bolts_press_bars_faces_and_plates_with_their_force_and_moment():
     on_face = sj.Bolts(tuple(sj.Bolt((*b.at, 0.5), b.force, b.head_radius, b.hole_radius)
                           for b in TWO_BOLTS.bolts), 0.01)  # fmt: skip
     faces = [(solid, "base", on_face) for solid in solids]
+    faces.append((mixed_box(2, size=(LENGTH, WIDTH, 0.02)), "front", on_face))
     for body, on, bolts in ((bar, "joint", on_bar), (plate, "joint", TWO_BOLTS), *faces):
         fixed = ("fixed",) if body is bar else ("left",)
         some = structure(body, [pressed(on, pressure=bolts)], fixed)

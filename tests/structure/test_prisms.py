@@ -16,13 +16,10 @@ from skfem.helpers import ddot, sym_grad, trace
 import skfem_joint as sj
 from skfem_joint.body.body import Body
 from skfem_joint.body.nodes import values_in
-from skfem_joint.joint.pressure import nodal_pressure
-from skfem_joint.joint.rigid import body_motions
 from skfem_joint.mesh import build_box, load_meshes, merged, named
 from skfem_joint.mesh.cells import CELLS
 from skfem_joint.mesh.collapsed import is_collapsed
 from skfem_joint.mesh.named import from_parts
-from skfem_joint.mesh.order import of_order
 from skfem_joint.output.series import blocks_of
 from skfem_joint.structure import mesh_error
 
@@ -35,91 +32,6 @@ def body_of(what: str, order: int, n: int = 1, *, inside: bool = False, **change
     mesh = MESHES[what](n, order)
     mesh = shaken(mesh, inside=inside) if changes.pop("moved", True) else mesh
     return Body(mesh, **{"material": STEEL, **section(mesh), **changes})
-
-
-@pytest.mark.parametrize(("what", "order"), BOTH)
-def test_constant_strain_leaves_no_force_inside(what, order):
-    body = body_of(what, order, 2)
-    u = body.nodes @ np.random.default_rng(3).normal(size=(body.dim, body.dim)).T
-    force = body.unpacked(body.matrices()[1] @ u.ravel())
-    inner = np.ones(body.n_nodes, dtype=bool)
-    inner[np.unique(body.facet_cells(body.mesh.mesh.boundary_facets())[0])] = False
-    assert inner.sum() > 20
-    scale = (abs(body.matrices()[1]) @ np.abs(u).ravel()).max()
-    assert np.abs(force[inner]).max() < 1e-14 * scale
-    stress = body.stress(u)
-    np.testing.assert_allclose(stress, np.broadcast_to(stress[0], stress.shape), rtol=1e-11)
-
-
-@pytest.mark.parametrize(("what", "order"), BOTH)
-def test_rigid_motions_alone_have_no_energy(what, order):
-    body = body_of(what, order)
-    M, K = (A.toarray() for A in body.matrices())
-    rigid = body_motions(body).reshape(len(K), -1)
-    assert rigid.shape[1] == {"solid": 6, "plate": 3}[what]
-    assert np.abs(K @ rigid).max() < 1e-13 * np.abs(K).max()
-    values = np.linalg.eigvalsh(K)
-    assert np.abs(values[: rigid.shape[1]]).max() < 1e-13 * values[-1]
-    assert values[rigid.shape[1]] > 1e-8 * values[-1]
-    assert np.linalg.eigvalsh(M)[0] > 0.0
-
-
-@pytest.mark.parametrize(("what", "order"), BOTH)
-def test_mass_and_moments_of_inertia_are_those_of_the_body(what, order):
-    body = body_of(what, order, inside=True)
-    size = np.array([0.6, 0.05, 0.02] if what == "solid" else [0.6, 0.06])
-    whole = DENSITY * np.prod(size) * (body.thickness or 1.0)
-    assert body.total_mass == pytest.approx(whole, rel=1e-13)
-    M, dim = body.matrices()[0], body.dim
-    assert M.sum() == pytest.approx(dim * whole, rel=1e-12)
-    if order == 1 or what == "solid":  # quadrature of moved quadrilaterals is not that of their map
-        body = body_of(what, order, moved=False)
-    M, x = body.matrices()[0], body.nodes
-    for i in range(dim):
-        for j in range(dim):
-            exact = whole * size[i] * (size[i] / 3.0 if i == j else size[j] / 4.0)
-            first, second = (np.outer(x[:, k], np.eye(dim)[0]).ravel() for k in (i, j))
-            assert first @ M @ second == pytest.approx(exact, rel=1e-12)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("what", ["solid", "plate"])
-def test_pressure_on_faces_of_both_kinds_has_its_resultant(what, order):
-    """Force and moments of a pressure of 1 Pa, as a load and in a joint, are those of the face."""
-    body = body_of(what, order, inside=True)
-    face = "face" if what == "plate" else "back"
-    facets = body.mesh.boundaries[face]
-    low, size = (0.0, [0.6, 0.05]) if what == "solid" else (0.4, [0.2])
-    across = 1.0 if what == "solid" else body.thickness
-    area, middle = np.prod(size) * across, np.array([low + size[0] / 2, *np.array(size[1:]) / 2])
-    part = body.facet_basis(facets)
-    assert part.dx.sum() * across == pytest.approx(area, rel=1e-12)
-    load = body.integrals(part, -np.asarray(part.normals)) * across
-    axis = body.dim - 1
-    joint, shares, _ = nodal_pressure(
-        body.nodes, body.facet_cells(facets)[0], np.full(len(body.facet_cells(facets)[0]), across),
-        1.0, "joint",
-    )  # fmt: skip
-    even = body.even_shares(face) * area
-    assert joint.min() == 0.0
-    assert np.count_nonzero(joint) == body.nodes_of(face).size
-    for force in (-load[:, axis], joint, shares, even):
-        assert force.sum() == pytest.approx(area, rel=1e-12)
-        np.testing.assert_allclose(force @ body.nodes[:, :axis], area * middle, rtol=1e-12)
-    assert np.abs(load[:, :axis]).max() < 1e-14 * area
-
-
-def test_a_bolt_presses_triangles_and_quadrilaterals_with_its_whole_force():
-    """Its ring crosses sides of both kinds; middle and force of the pressure are the bolt's."""
-    body = body_of("solid", 1, 2, inside=True)
-    cells = body.facet_cells(body.mesh.boundaries["back"])[0]
-    bolt = sj.Bolt((0.3, 0.025, 0.02), 1e4, head_radius=0.02, hole_radius=0.005)
-    force, _, share = nodal_pressure(
-        body.nodes, cells, np.ones(len(cells)), sj.Bolts((bolt,)), "joint"
-    )
-    assert share == pytest.approx((1.0,))
-    assert force.sum() == pytest.approx(1e4, rel=1e-12)
-    np.testing.assert_allclose(force @ body.nodes[:, :2] / 1e4, [0.3, 0.025], rtol=1e-9)
 
 
 def test_a_prism_is_scikit_fems_own():
@@ -196,20 +108,6 @@ def test_the_mixed_cantilever_converges_to_the_closed_form_of_a_beam():
     assert abs(errors[2][1]) < 0.001
 
 
-def test_meshes_with_prisms_are_computed_with_quadratic_displacements():
-    for mesh, many, some in (
-        (mixed_box(), "hexahedra and prisms", "prisms"),
-        (mixed_plate(), "quadrilaterals and triangles", "triangles"),
-        (build_box([("a", 0.1, 1)], (0.1, 0.1), (1, 1), kind="prism"), "prisms", "ones"),
-    ):
-        raised, (note,) = of_order(mesh, "auto")
-        assert raised.order == 2
-        assert note.startswith(f"The {many} of first order are computed with quadratic")
-        assert f"since linear {some} bend too stiffly; mesh.order = 1 keeps" in note
-        assert of_order(mesh, 1) == (mesh, [])
-        assert of_order(mesh, "auto", lumped=True) == (mesh, [])
-
-
 def test_only_whole_elements_have_incompatible_modes():
     """The difference that they make is that of the hexahedra alone."""
     mesh = mixed_box()
@@ -277,22 +175,22 @@ def test_pictures_show_all_kinds(what, order):
         assert count == [part.elements.size for part in mesh.parts]
 
 
-def lap(order: int | str, lower: Any = mixed_box, **joint: Any) -> sj.Structure:
+def lap(lower: sj.NamedMesh, order: int, bolts: Any = (), **joint: Any) -> sj.Structure:
     """Lap of a mixed body on another one, pressed at the end of each."""
-    first = lower(1)
     upper = build_box(
         [("over", 0.2, 3), ("far", 0.4, 4)], (0.05, 0.02), (2, 2), origin=(0.4, 0.0, 0.02),
-        boundaries={"under": ("front", "over"), "end": "right"},
+        boundaries={"under": ("front", "over"), "head": ("back", "over"), "end": "right"},
     )  # fmt: skip
-    mesh = merged([upper, first])
     given = {"on": "under", "against": "face", "pressure": 1e6, "friction": 0.3, **joint}
-    return sj.Structure(mesh, STEEL, fixed=["left"], order=order, joints=[sj.Joint(**given)])
+    joints = [sj.Joint(**given)]
+    how: Any = {"fixed": ["left"], "order": order, "joints": joints, "bolts": bolts}
+    return sj.Structure(merged([upper, lower]), STEEL, **how)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_joint_on_faces_of_both_kinds_has_its_forces_and_follows_linear_motion(order):
     """Clamp force, area, and slip of a linear displacement of both bodies: none to round-off."""
-    structure = lap(order)
+    structure = lap(mixed_box(), order)
     words = f"2 bodies, 86 elements of order {order}, 42 hexahedra and 44 prisms."
     assert structure.overview() == words
     (patch,) = structure.patches
@@ -306,7 +204,7 @@ def test_a_joint_on_faces_of_both_kinds_has_its_forces_and_follows_linear_motion
 @pytest.mark.parametrize("order", [1, 2])
 def test_contact_that_opens_on_faces_of_both_kinds_carries_its_pressure(on, order):
     against = {"face": "under", "under": "face"}[on]
-    structure = lap(order, contact="unilateral", on=on, against=against)
+    structure = lap(mixed_box(), order, contact="unilateral", on=on, against=against)
     (patch,) = structure.patches
     assert patch.opening.force.sum() == pytest.approx(1e4, rel=1e-9)
     load = sj.Load("end", sj.Harmonic(1500.0, 50.0), direction=(1.0, 0.0, 0.0))
@@ -332,10 +230,6 @@ def test_contact_on_a_basis_of_prisms_is_refused(mesh):
 def test_a_bolt_through_prisms_and_hexahedra_presses_with_its_force(order):
     """Its head presses sides of both kinds; the joint carries the clamp force and no moment."""
     first = mixed_box(1)
-    upper = build_box(
-        [("over", 0.2, 3), ("far", 0.4, 4)], (0.05, 0.02), (2, 2), origin=(0.4, 0.0, 0.02),
-        boundaries={"under": ("front", "over"), "head": ("back", "over"), "end": "right"},
-    )  # fmt: skip
     nut = first.mesh.facets[:, first.boundaries["front"]]
     nut = nut[:, (first.mesh.p[0, nut] > 0.4 - 1e-9).all(axis=0)]
     sides = {name: first.mesh.facets[:, chosen] for name, chosen in first.boundaries.items()}
@@ -343,11 +237,8 @@ def test_a_bolt_through_prisms_and_hexahedra_presses_with_its_force(order):
         CELLS["hexahedron"], first.mesh.p, first.mesh.t, regions={"low": np.arange(58)}, points={},
         facets={"left": sides["left"], "face": sides["face"], "nut": nut},
     )  # fmt: skip
-    joint = sj.Joint("face", "preload", 0.3, against="under", contact="unilateral")
-    structure = sj.Structure(
-        merged([lower, upper]), STEEL, fixed=["left"], order=order, joints=[joint],
-        bolts=[sj.Clamp(1e4, head="head", nut="nut")],
-    )  # fmt: skip
+    joint = {"on": "face", "against": "under", "pressure": "preload", "contact": "unilateral"}
+    structure = lap(lower, order, [sj.Clamp(1e4, head="head", nut="nut")], **joint)
     (patch,) = structure.patches
     force = patch.opening.force
     assert force.sum() == pytest.approx(1e4, rel=1e-6)

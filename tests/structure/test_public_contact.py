@@ -15,31 +15,38 @@ from skfem_joint.system.unknowns import change_of_unknowns
 
 
 def same_up_to_order(one: sj.System, two: sj.System) -> None:
-    """Natural frequencies, limits, directions and laws agree."""
+    """Natural frequencies, open and closed, limits, directions, laws and pressure points agree."""
     how = {"k": 6, "sigma": 0.0, "return_eigenvectors": False}
-    values = [
-        np.sort(sparse.linalg.eigsh(s.K + 1e3 * s.M, M=s.M, v0=np.ones(s.n), **how))
-        for s in (one, two)
-    ]
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-7)
+    for pair in ((one, two), (one.closed(), two.closed())):
+        values = [
+            np.sort(sparse.linalg.eigsh(s.K + 1e3 * s.M, M=s.M, v0=np.ones(s.n), **how))
+            for s in pair
+        ]
+        np.testing.assert_allclose(values[0], values[1], rtol=1e-7)
     np.testing.assert_allclose(np.sort(one.contact.w), np.sort(two.contact.w), rtol=1e-12)
+    for name in ("gap", "force", "stiffness", "area"):
+        points = (np.sort(getattr(s.contact.normal, name)) for s in (one, two))
+        np.testing.assert_allclose(*points, rtol=1e-12)
     np.testing.assert_array_equal(np.sort(one.contact.directions), np.sort(two.contact.directions))
     assert np.isinf([one.contact.beta, two.contact.beta]).all()  # the default law is Coulomb's
 
 
 BLOCKS = [(block(*kind, 2, (0.2, 0.1, 0.1)), pressed("base"), "right") for kind in ELEMENTS[1:]]
 CELLS = [(body, pressed(), "right") for body, *_ in BLOCKS if body.dim == 2]
+LIFTING = [pressed("base", contact="unilateral", normal_stiffness=k) for k in (np.inf, 1e13)]
+OPENING = [(body, joint, "right") for body, *_ in BLOCKS for joint in LIFTING]
 PAIRS = [(lap(), LAP, "lower_left"), (side(), SIDE, "lower_left")]
 
 
-@pytest.mark.parametrize(("body", "joint", "fixed"), [*BLOCKS, *CELLS, *PAIRS])
+@pytest.mark.parametrize(("body", "joint", "fixed"), [*BLOCKS, *CELLS, *PAIRS, *OPENING])
 def test_contact_on_a_basis_is_that_of_the_structure(body, joint, fixed):
     plane = "strain" if body.dim == 2 else "stress"
     mine = structure(body, [joint], [fixed], plane=plane, incompatible=False).system()
     basis, depth = basis_of(body), 0.01 if body.dim == 2 else 1.0
     rows = sj.contact(
-        basis, joint.on, pressure=8e6, friction=0.7, against=joint.against, thickness=depth
-    )
+        basis, joint.on, pressure=8e6, friction=0.7, against=joint.against, thickness=depth,
+        contact=joint.contact, normal_stiffness=joint.normal_stiffness,
+    )  # fmt: skip
     theirs = {"fixed": basis.get_dofs(fixed), "contact": rows}
     same_up_to_order(mine, sj.System.from_matrices(*matrices(basis, depth), **theirs))
 
@@ -132,9 +139,15 @@ FORCE = sj.Harmonic(1.0, 1.0)
         ({"fixed": np.array([False, True, False, True])}, "mask"),
         ({"loads": {"a": (np.ones(3), FORCE)}}, r"load 'a': found shape \(3,\), must be \(4,\)"),
         ({"loads": {"a": (9, FORCE)}}, "load 'a': found 9, must be .* from 0 to 3"),
+        ({"loads": {"a": 3}}, "load 'a': found int, must be two in a tuple: a vector of shape"),
+        ({"loads": {"a": (3, FORCE, 1)}}, "load 'a': found tuple, must be two"),
+        ({"damping_ratio": "a"}, "damping.ratio: found 'a', must be above 0 and below 1"),
         ({"points": {"a": np.full(4, np.nan)}}, "point 'a': .* finite"),
         ({"loads": {"a": (1, FORCE)}, "points": {"a": -np.eye(4)[1]}}, "points: 'a' is a load"),
         ({"contact": sj.SlipRows.none(3)}, "contact: B: found shape"),
+        ({"C": K_4, "stiffness_damping": 1e-3}, "beside C"),
+        ({"C": K_4, "mass_damping": 1e-3}, "beside C"),
+        ({"fixed": [1], "loads": {"a": (1, FORCE)}}, "load 'a': what holds the structure takes"),
         ({"contact": SAME + SAME}, "depend on each other"),
         ({"contact": [SAME, SAME]}, "depend on each other"),
         ({"contact": [SAME, "lap"]}, "contact: found str, must be what contact, .* or a list"),
@@ -146,19 +159,6 @@ def test_matrices_that_would_be_wrong_in_silence_are_refused(changes, match):
         sj.System.from_matrices(values.pop("M"), values.pop("K"), **values)
 
 
-@pytest.mark.parametrize(
-    ("row", "limit", "beta", "name"),
-    [
-        (np.zeros(4), 1.0, 1.0, "a"),
-        (np.ones((3, 4)), 1.0, 1.0, "a"),
-        (np.ones(4), 1.0, 1.0, 3),
-    ],
-)
-def test_points_that_cannot_be_are_refused(row, limit, beta, name):
-    with pytest.raises(sj.InputError, match="point_friction"):
-        sj.point_friction(row, limit, beta, name=name)
-
-
 def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
     contact = sj.Contact(sparse.eye_array(4, format="csr")[:2], [1.0, 2.0], 1e5)
     plain = sj.System(M=M_4, C=None, K=K_4, contact=contact)
@@ -168,6 +168,13 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
         (lambda: replace(plain, K=K_4[:, :3]), r"K: found shape \(4, 3\)"),
         (lambda: plain.with_contact(given=-plain.contact.w), "given: friction limits"),
         (lambda: plain.with_beta(np.nan), "beta: found nan, must be > 0"),
+        (lambda: plain.with_damping_ratio("a"), "damping.ratio: found 'a', must be above 0"),
+        (lambda: plain.with_damping_ratio(1.5), "damping.ratio: found 1.5, must be above 0"),
+        (lambda: plain.expand(3), r"expand: u: found shape \(\), must be \(4,\)"),
+        (
+            lambda: plain.expand(np.ones((2, 3))),
+            r"expand: u: found shape \(2, 3\), must be \(2, 4\)",
+        ),
         (lambda: plain.project(np.ones((3, 2))), "basis: found shape"),
         (lambda: replace(plain, T=np.ones((5, 3))), "T: found shape"),
         (lambda: sj.System(M_4, None, K_4, contact.B), r"found csr_array, must be an sj\.Contact"),
@@ -190,10 +197,14 @@ BOLTS = sj.Bolts((sj.Bolt((0.0, 2.0), 1.0, 0.1),))
         ({"width": np.nan}, "contact: width: found nan"),
         ({"fixed": [1000]}, "fixed: found 1000, must be"),
         ({"name": " "}, "contact: found name ' '"),
+        ({"pressure": None}, "pressure: missing"),
+        ({"contact": "sticky"}, "contact: found 'sticky'"),
+        ({"contact": "unilateral", "clearance": 1e-5}, "unexpected argument 'clearance'"),
     ],
 )
 def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for(changes, match):
     values: dict[str, Any] = {"on": "joint", "pressure": 1e6, "friction": 0.5} | changes
+    values = {key: value for key, value in values.items() if value is not None}
     with pytest.raises(sj.InputError, match=match):
         sj.contact(basis_of(block("quad")), values.pop("on"), **values)
 

@@ -25,6 +25,7 @@ from bodies import (
 
 import skfem_joint as sj
 from skfem_joint.mesh import NamedMesh, named
+from skfem_joint.structure import doubts
 
 LOAD = sj.Harmonic(1.0, 1.0)
 
@@ -138,6 +139,7 @@ def over(*ends: float, axis: Any = None, on: str = "joint") -> dict[str, Any]:
         # what each dimension needs
         (LINE, {"width": None}, "section.width: missing, a bar needs it"),
         (LINE, {"thickness": None}, "section.thickness: missing"),
+        (LINE, {"order": 2}, "mesh.order: found 2 for a bar"),
         (QUAD, {"thickness": None}, "section.thickness: missing, a plate needs it"),
         (QUAD, {"width": 1.0}, "a plate has none"),
         (HEX, {"thickness": 1.0}, "a solid has none"),
@@ -397,22 +399,16 @@ def test_one_thing_in_place_of_a_list_is_refused_as_such():
         (lambda made: replace(made, joints=[{"on": "joint"}]), "joints: found dict, must be a Jo"),
         (lambda made: made.system([("left", 1.0)]), "loads: found tuple, must be a Load"),
         (lambda made: sj.integrate(made, step=1.0, n_steps=1), "system: found Structure, must be"),
-        (lambda made: sj.reduce(made), "system: found Structure, must be a System"),
-        (lambda made: sj.condense(made), "system: found Structure, must be a System"),
-        (lambda made: sj.natural_modes(made), "system: found Structure, must be a System"),
-        (lambda made: sj.backbone(made), "system: found Structure, must be a System"),
+        *((take, "system: found Structure, must be a System")
+          for take in (sj.reduce, sj.condense, sj.natural_modes, sj.backbone)),
         (lambda made: sj.response(made, [1.0]), "system: found Structure, must be a System"),
         (lambda _: sj.MultiHarmonic([1.0]), "components: found float, must be a Harmonic"),
-        (
-            lambda made: sj.System.from_matrices(*made.matrices(), loads=[("a", 1)]),
-            "loads: found list, must be a Mapping",
-        ),
-        (
-            lambda made: sj.integrate(made.system(), step=1.0, n_steps=1, save=True),
-            "save: found bool, must be a Save",
-        ),
+        (lambda made: sj.System.from_matrices(*made.matrices(), loads=[("a", 1)]),
+         "loads: found list, must be a Mapping"),
+        (lambda made: sj.integrate(made.system(), step=1.0, n_steps=1, save=True),
+         "save: found bool, must be a Save"),
     ],
-)
+)  # fmt: skip
 def test_one_kind_of_thing_in_place_of_another_is_refused_by_its_name(make, words):
     with pytest.raises(sj.InputError, match=words):
         make(structure(QUAD, [pressed("joint")], ["left"]))
@@ -432,3 +428,12 @@ def test_elements_that_keep_their_volume_are_said_to_be_too_stiff(plane):
         stiff = sj.natural_modes(system, 1).frequencies[0] / euler > 1.02
         assert any("material.poisson" in note for note in system.notes) == stiff
         assert stiff == (plane == "strain" and ratio > 0.4)
+
+
+@pytest.mark.parametrize(("installed", "n", "said"), [
+    (False, 20_001, True), (False, 20_000, False), (True, 20_001, False),
+])  # fmt: skip
+def test_large_models_name_the_extra_that_makes_their_factors_fast(installed, n, said, monkeypatch):
+    monkeypatch.setattr(doubts, "pardiso", lambda: object() if installed else None)
+    (sentence,) = [*doubts.without_pardiso(n)] or [""]
+    assert ('pip install "skfem-joint[solids]"' in sentence) == said

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -71,19 +72,6 @@ def assert_same(system: sj.System, other: sj.System, share: float) -> None:
             np.testing.assert_allclose(dense(one), known, rtol=0.0, atol=share * size, err_msg=name)
 
 
-KEYS_OF_BAR = ["joint[0].friction", "joint[*].friction", "joint[0].pressure", "material.E",
-               "material.regions.upper_arm.E", "damping.stiffness", "damping.mass",
-               "joint[0].tangential_stiffness"]  # fmt: skip
-
-
-@pytest.mark.parametrize("normal_force", ["equal", "consistent"])
-@pytest.mark.parametrize("key", KEYS_OF_BAR)
-def test_derivatives_of_a_bar_are_those_of_its_system(key, normal_force):
-    """Linear in each value: exact to round-off."""
-    given = bar({"normal_force": normal_force, **STIFF})
-    agrees(given, loads("upper_end", 1), key, step=0.5, share=1e-12)
-
-
 @pytest.mark.parametrize("frequency", [300.0, None])
 @pytest.mark.parametrize(
     "key",
@@ -130,27 +118,12 @@ def test_derivatives_of_the_preload_with_a_gap_at_first(key, order):
     assert np.abs(found.w).max() > 1e-3 * given.unloaded.contact.w.max() / value_of(given, key)
 
 
-@pytest.mark.parametrize(
-    "key", ["joint[0].normal_stiffness", "joint[0].tangential_stiffness", "material.E"]
-)
-def test_damping_by_a_ratio_follows_elastic_contact_that_opens(key):
-    joint = {"contact": "unilateral", "normal_stiffness": 5e12, **STIFF}
-    found = agrees(bolted(joint=joint, damping_ratio=0.01), loads("right", 2), key)
-    assert found.C is not None
-
-
 @pytest.mark.parametrize("key", ["joint[0].friction", "joint[0].pressure"])
 def test_a_pressed_block_that_opens(key):
     found = agrees(block(), loads("top", 2), key)
     assert found.w.all()
     assert (found.gain is None) == (key == "joint[0].pressure")
     assert (found.force is None) == (key == "joint[0].friction")
-
-
-@pytest.mark.parametrize("contact", ["constant", "unilateral"])
-def test_friction_of_zero_has_its_derivative(contact):
-    given = bolted(joint={"contact": contact, "friction": 0.0}, free=True)
-    agrees(given, loads("right", 2), "joint[0].friction")
 
 
 def test_derivatives_of_a_preload_need_no_factor_that_was_kept():
@@ -181,27 +154,6 @@ def side_by_side() -> sj.Structure:
     """Bar on a base by two joints that share a point."""
     mesh = sj.build_bar([("a", 0.1, 4), ("b", 0.1, 4)], {"end": 0.2})
     return structure(mesh, [sj.Joint(on, 2e6, 0.3, **STIFF) for on in "ab"], ())
-
-
-@pytest.mark.parametrize(
-    ("make", "key"),
-    [
-        (under_rings, "joint[0].pressure.bolts[1].force"),
-        (under_rings, "joint[0].pressure.bolts[*].force"),
-        (side_by_side, "joint[1].friction"),
-        (side_by_side, "joint[*].friction"),
-        (side_by_side, "joint[*].pressure"),
-        (side_by_side, "joint[*].tangential_stiffness"),
-    ],
-)
-def test_values_of_several_bolts_and_joints_add_up_where_they_share_points(make, key):
-    agrees(make(), loads("end", 1), key, step=0.5, share=1e-12)
-
-
-def test_one_value_of_all_clamps_changes_with_each_of_them():
-    bolts = [replace(bolt, force=8e3) for bolt in BOLTS]
-    given = bolted(joint={"contact": "unilateral"}, bolts=bolts)
-    agrees(given, loads("right", 2), "bolt[*].force")
 
 
 @pytest.mark.parametrize(
@@ -252,6 +204,47 @@ def test_frequencies_of_the_damping_are_found_anew_where_they_change(values, fre
     assert abs(system.C - replace(changed).system(on).C).max() == 0.0
 
 
+def of_bar(normal_force: str) -> sj.Structure:
+    return bar({"normal_force": normal_force, **STIFF})
+
+
+KEYS_OF_BAR = ["joint[0].friction", "joint[*].friction", "joint[0].pressure", "material.E",
+               "material.regions.upper_arm.E", "damping.stiffness", "damping.mass",
+               "joint[0].tangential_stiffness"]  # fmt: skip
+LINEAR = [(partial(of_bar, kind), "upper_end", key) for kind in ("equal", "consistent")
+          for key in KEYS_OF_BAR]  # fmt: skip
+LINEAR += [(under_rings, "end", f"joint[0].pressure.bolts[{k}].force") for k in "1*"]
+LINEAR += [(side_by_side, "end", key) for key in ("joint[1].friction", "joint[*].friction",
+           "joint[*].pressure", "joint[*].tangential_stiffness")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "on", "key"), LINEAR)
+def test_derivatives_by_what_a_system_is_linear_in_are_exact(make, on, key):
+    """Also those of several bolts and joints, which add up where they share points."""
+    agrees(make(), loads(on, 1), key, step=0.5, share=1e-12)
+
+
+OPENS: dict[str, Any] = {"contact": "unilateral"}
+ELASTIC = {"joint": {**OPENS, "normal_stiffness": 5e12, **STIFF}, "damping_ratio": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("values", "key", "changes"),
+    [
+        ({"joint": {"friction": 0.0}, "free": True}, "joint[0].friction", "w"),
+        ({"joint": {"friction": 0.0, **OPENS}, "free": True}, "joint[0].friction", "w"),
+        ({"joint": OPENS, "bolts": [replace(x, force=8e3) for x in BOLTS]}, "bolt[*].force", "w"),
+        (ELASTIC, "joint[0].normal_stiffness", "C"),
+        (ELASTIC, "joint[0].tangential_stiffness", "C"),
+        (ELASTIC, "material.E", "C"),
+    ],
+)
+def test_derivatives_where_friction_is_zero_clamps_are_alike_or_damping_follows(
+    values, key, changes
+):
+    assert getattr(agrees(bolted(**values), loads("right", 2), key), changes) is not None
+
+
 def table() -> sj.Structure:
     mesh = sj.build_bar([("joint", 0.3, 3)], {"end": 0.3})
     pressure = sj.PressureTable((0.0, 0.3), (1e6, 2e6))
@@ -265,11 +258,7 @@ def opens() -> sj.Structure:
 @pytest.mark.parametrize(
     ("make", "key", "words"),
     [
-        (
-            bolted,
-            "joint[0].frictoin",
-            r"did you mean 'joint\[0\].friction'.*these are: joint",
-        ),
+        (bolted, "joint[0].frictoin", r"did you mean 'joint\[0\].friction'.*these are: joint"),
         (bolted, "joint[5].friction", r"joint\[5\].friction: it is no number that can be varied"),
         (bolted, "friction", "no number that can be varied"),
         (bolted, "joint[0].beta", "no number that can be varied"),
@@ -277,11 +266,7 @@ def opens() -> sj.Structure:
         (bolted, "joint[0].tangential_stiffness", "give it a finite value to start from"),
         (bolted, "joint[0].normal_stiffness", "needs a joint with contact = 'unilateral'"),
         (bolted, "damping.ratio", "found none; give it a value"),
-        (
-            bolted,
-            "bolt[*].force",
-            r"bolt\[0\].force = 9000, .* = 7000; must be the same",
-        ),
+        (bolted, "bolt[*].force", r"bolt\[0\].force = 9000, .* = 7000; must be the same"),
         (bolted, "material.regions.ub.E", "no number that can be varied"),
         (table, "joint[0].pressure", "table of pressures cannot be varied"),
         (table, "damping.mass", "vary the ratio"),
