@@ -12,6 +12,7 @@ files in which some entities belong to no group, and empties groups of reversed 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.values import POSITIVE
+from skfem_joint.ground.values import POSITIVE, several
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, distinct, same_columns, spot
 from skfem_joint.mesh.collapsed import joined
 from skfem_joint.mesh.decks.abaqus import read_inp
@@ -89,8 +90,9 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
         closed, folded or disconnected; unmerged nodes of a body; middle nodes in another order;
         groups without elements; points on several nodes; names used twice.
     """
-    if isinstance(paths, str | Path):
-        paths = [paths]
+    paths = several(
+        "paths", [paths] if isinstance(paths, str | os.PathLike) else paths, str | os.PathLike
+    )
     if not paths:
         raise InputError("no mesh file is given: name a file, or several for several bodies")
     if scale not in POSITIVE:
