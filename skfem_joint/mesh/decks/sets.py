@@ -175,11 +175,12 @@ class Scope:
         if "ELSET" in card.options:
             self._named("ELSET", card).parts.append(self._listed("ELSET", card, block.numbers))
 
-    def _named(self, kind: str, card: Card, option: str = "") -> NameSet:
+    def _named(self, kind: str, card: Card) -> NameSet:
         """Set that a card names, which is made if it is new."""
-        name = card.name(option or kind)
+        name = card.name(kind)
         known = self.sets[kind].setdefault(name.upper(), NameSet(name, card, True))
-        self._check_case(known.name, name, card, option or kind)
+        if known.name != name and '"' in card.options[kind]:  # which may be another name
+            card.refuse(f"name {name!r} differs from {known.name!r} in capitals alone: change one")
         known.internal &= "INTERNAL" in card.options
         if known.used is not None:
             card.refuse(
@@ -187,12 +188,6 @@ class Scope:
                 "below, or give this a name of its own"
             )
         return known
-
-    @staticmethod
-    def _check_case(known: str, name: str, card: Card, option: str) -> None:
-        """Refuse a name in quotes that differs in capitals alone, which may be another name."""
-        if known != name and '"' in card.options[option]:
-            card.refuse(f"name {name!r} differs from {known!r} in capitals alone: change one")
 
     def _read_set(self, kind: str, card: Card) -> None:
         scope, known = self._scope_of(card), self._named(kind, card)
