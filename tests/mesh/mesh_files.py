@@ -1,7 +1,5 @@
 """Meshes and Gmsh files for the tests of meshes."""
 
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -73,17 +71,6 @@ PRISM = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 
 EDGES = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)]
 PRISM_15 = np.vstack([PRISM, [PRISM[list(ends)].mean(axis=0) for ends in EDGES]])
 NASTRAN_15 = [*range(9), *range(12, 15), *range(9, 12)]
-
-
-def read_in_a_process_of_its_own(file: Path) -> str:
-    """Kind, order and volumes of a mesh that a process reads as its first one."""
-    program = (
-        "import sys, skfem_joint as sj; m = sj.load_meshes(sys.argv[1]); "
-        "print(m.kind, m.order, {k: m.n_elements for k in m.regions}, *m.notes)"
-    )
-    command = [sys.executable, "-c", program, str(file)]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False)
-    return ran.stdout + ran.stderr
 
 
 def saved(folder: Path, text: str | bytes, name: str = "mesh.msh") -> Path:
