@@ -53,6 +53,12 @@ _BETWEEN = (
 )
 
 
+#: Numbers of nodes are below it, so that those of texts are exact.
+_LARGEST = 2**53
+#: Cells, with the numbers of their nodes as they are written, and members of physical groups.
+_Grouped = tuple[Block, dict[int, IntArray]]
+
+
 class _Numbers:
     """Numbers of a section, read in turn; ValueError if fewer are left than are to be read."""
 
@@ -91,10 +97,6 @@ class _Numbers:
         text = self.values[:20].tobytes().partition(b"\n")[0]
         self.position = len(text) + 1
         return int(text)
-
-
-#: Cells, with the numbers of their nodes as they are written, and members of physical groups.
-_Grouped = tuple[Block, dict[int, IntArray]]
 
 
 def read_msh(path: Path) -> FileMesh:
@@ -158,10 +160,6 @@ def _mesh_of(sections: Mapping[str, bytes]) -> tuple[RawMesh, IntArray]:
             if members.size and (block.dim, tag) in names:
                 mesh.cell_sets[names[block.dim, tag]][number] = members
     return mesh, numbering.sorted
-
-
-#: Numbers of nodes are below it: those of texts are exact.
-_LARGEST = 2**53
 
 
 def _sections(data: bytes) -> dict[str, bytes]:

@@ -13,6 +13,10 @@ import skfem_joint as sj
 MESHES = Path(__file__).parents[2] / "meshes"
 #: Gmsh type, physical tag, node tags.
 Cells = Sequence[tuple[int, int, Sequence[int]]]
+#: Three lines on x.
+BAR = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
+BAR_NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
+LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
 #: Kind and order of the elements.
 KINDS: list[tuple[Any, int]] = [
     ("line", 1),
