@@ -2,9 +2,9 @@
 
 `named` is the type of all meshes, `cells` the kinds of their elements; `collapsed` lets several
 kinds stand in one mesh, `splitting` has the nodes of second order. `building` makes bars, plates
-and boxes; `reading` makes meshes of files, which `gmsh` (it also writes), the folder `decks`
-(Abaqus and CalculiX), `med` (Salome) and `nastran` read: all hand over what `file_mesh` has;
-`node_fields` reads values at nodes;
+and boxes; `reading` reads files by meshio, after the checks of `gmsh` (which also writes),
+those of Abaqus and CalculiX by the folder `decks`, those of Salome by `med` and Nastran's by
+`nastran`, all of which hand over a mesh as in `file_mesh`; `node_fields` reads values at nodes;
 `straightening` says what straight edges in place of curved ones change.
 """
 

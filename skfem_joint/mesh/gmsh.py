@@ -1,44 +1,29 @@
-"""Gmsh files: read as they are written, in format 2.2 or 4.1, and a writer."""
+"""Gmsh files: checks before meshio reads them, and a writer."""
 
 from __future__ import annotations
 
 import os
 import re
-import warnings
 from collections import Counter
 from collections.abc import Mapping
-from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, Numbering
+from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.files import read_whole
 from skfem_joint.ground.values import check_kind
 from skfem_joint.mesh.cells import Cell, cell_of, corner_count, same_columns
-from skfem_joint.mesh.file_mesh import Block, FileMesh, RawMesh
 from skfem_joint.mesh.named import NamedMesh, check_count
 from skfem_joint.mesh.splitting import split
 
-# Name that meshio has for each Gmsh element type that is read, and its number of nodes: points,
-# lines of order 1 to 10, and other elements of first and second order.
-_READ = {
-    **{15: ("vertex", 1), 1: ("line", 2)},
-    **{kind: (f"line{n}", n) for n, kind in enumerate((8, 26, 27, 28, 62, 63, 64, 65, 66), 3)},
-    **{2: ("triangle", 3), 9: ("triangle6", 6), 4: ("tetra", 4), 11: ("tetra10", 10)},
-    **{3: ("quad", 4), 16: ("quad8", 8), 10: ("quad9", 9), 5: ("hexahedron", 8)},
-    **{17: ("hexahedron20", 20), 12: ("hexahedron27", 27)},
-    **{6: ("wedge", 6), 18: ("wedge15", 15), 13: ("wedge18", 18)},
-}
-# Order of VTK for the nodes of Gmsh's elements, where it is another.
-_CUBE = (*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15)
-_PRISM = (*range(6), 6, 9, 7, 12, 14, 13, 8, 10, 11)
-_OF_VTK = {
-    **{"tetra10": (*range(8), 9, 8), "wedge15": _PRISM, "wedge18": (*_PRISM, 15, 17, 16)},
-    **{"hexahedron20": _CUBE, "hexahedron27": (*_CUBE, 22, 23, 21, 24, 20, 25, 26)},
+# Number of nodes of each Gmsh element type that is read: points, lines of order 1 to 10, and
+# triangles, quadrangles, tetrahedra, hexahedra and prisms of first and second order.
+_NODES = {
+    **{15: 1, 1: 2, 8: 3, 26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11},
+    **{2: 3, 9: 6, 3: 4, 16: 8, 10: 9, 4: 4, 11: 10, 5: 8, 17: 20, 12: 27, 6: 6, 18: 15, 13: 18},
 }
 # Gmsh element types that are written, by dimension, number of corners and order.
 _TYPES = {
@@ -51,25 +36,20 @@ _BETWEEN = (
     *((0,), (1,), (2,), (3,), (4,), (5,), (0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5)),
     *((3, 4), (3, 5), (4, 5), (0, 1, 4, 3), (0, 2, 5, 3), (1, 2, 5, 4)),
 )
-
-
-#: Numbers of nodes are below it, so that those of texts are exact.
-_LARGEST = 2**53
-#: Cells, with the numbers of their nodes as they are written, and members of physical groups.
-_Grouped = tuple[Block, dict[int, IntArray]]
+#: Order of VTK for the nodes of Gmsh's prism of 18 nodes, which meshio leaves in Gmsh's.
+PRISM_18 = (0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16)
+#: Tags of the physical groups, without sign, by dimension and tag of the entity.
+Groups = dict[tuple[int, int], set[int]]
 
 
 class _Numbers:
     """Numbers of a section, read in turn; ValueError if fewer are left than are to be read."""
 
     def __init__(self, body: bytes, name: str, binary: bool) -> None:
-        self.name, self.binary, self.position = name, binary, 0
+        self.name, self.binary, self.position, self.body = name, binary, 0, body
         self.values: NDArray[Any] = np.frombuffer(body, "u1")
         if not binary:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error", DeprecationWarning)  # of text that is no number
-                self.values = np.fromstring(body.decode("ascii"), sep=" ")
-            self.whole = np.isfinite(self.values) & (self.values == np.floor(self.values))
+            self.values = np.fromstring(body.decode("ascii"), sep=" ")
 
     def take(self, kind: str, count: int) -> NDArray[Any]:
         """Next ``count`` numbers, of a numpy type in binary files."""
@@ -80,11 +60,7 @@ class _Numbers:
                 f"${self.name} announces more than it holds: the file is cut or damaged"
             )
         values = self.values[start : self.position]
-        if self.binary:
-            return np.frombuffer(values.tobytes(), kind)
-        if kind[0] != "f" and not self.whole[start : self.position].all():
-            raise ValueError(f"${self.name} has numbers that are not whole where it refers to some")
-        return values
+        return np.frombuffer(values.tobytes(), kind) if self.binary else values
 
     def integers(self, kind: str, count: int) -> list[int]:
         """Next ``count`` whole numbers."""
@@ -99,67 +75,77 @@ class _Numbers:
         return int(text)
 
 
-def read_msh(path: Path) -> FileMesh:
-    """Read a Gmsh file; InputError says why it cannot be read."""
-    return FileMesh([numbered_msh(path)[0]])
+def meshio_with_prisms() -> Any:
+    """meshio, told of the prism of 15 nodes, which its table of dimensions has left out."""
+    import meshio
+    from meshio._mesh import topological_dimension
+
+    topological_dimension.setdefault("wedge15", 3)
+    return meshio
 
 
-def numbered_msh(path: Path) -> tuple[RawMesh, IntArray]:
-    """Mesh of a Gmsh file with groups as cell sets, and the numbers of its nodes, which ascend.
+def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
+    """Check a Gmsh file and leave out the sections that meshio would misread.
 
-    InputError for files that are cut or damaged, and for kinds of elements that are not read.
+    Refused are files that meshio would read wrongly: it allocates memory for any count that a file
+    states, takes a wrong node if an element refers to a missing node, keeps only the last of two
+    groups with the same name, and reads beyond the end of a section that is cut off.
+
+    Left out are entities, results and other sections: meshio refuses a file in which some entities
+    belong to no group, and empties groups of reversed curves (negative tags).
+
+    Returns
+    -------
+    content : bytes
+        File for meshio.
+    tags : ndarray of int
+        Numbers of the nodes.
+    groups : dict or None
+        Physical groups of the entities, if the file has a section of entities.
+
+    Raises
+    ------
+    ValueError
+        Says why the file is refused.
     """
-    data = read_whole(path)
-    try:
-        return _mesh_of(_sections(data.removeprefix(b"\xef\xbb\xbf")))
-    except (ValueError, OverflowError, DeprecationWarning) as error:
-        raise InputError(
-            f"{path}: cannot be read as a mesh: {error}. Readable are whole Gmsh files of format "
-            "2.2 or 4.1 (.msh) and files of Abaqus or CalculiX (.inp), Salome (.med) or Nastran "
-            "(.bdf, .nas, .dat). Gmsh converts others, e.g. gmsh mesh.cgns -save -o mesh.msh"
-        ) from error
-
-
-def _mesh_of(sections: Mapping[str, bytes]) -> tuple[RawMesh, IntArray]:
-    """Mesh of the sections of a file, and the numbers of its nodes."""
+    sections = _sections(data.removeprefix(b"\xef\xbb\xbf"))
     version, mode, size = (word.decode("ascii") for word in sections["MeshFormat"].split()[:3])
     if version not in ("2", "2.2", "4.1"):  # Gmsh calls format 4.0 "4"
         raise ValueError(f"Gmsh format {version}; save it again with Mesh.MshFileVersion = 4.1")
     if mode not in ("0", "1") or size != "8":
         raise ValueError(f"unknown kind of Gmsh file: mode {mode}, data size {size}")
-    names = _names(sections["PhysicalNames"].decode())
-    numbers = {
-        name: _Numbers(body, name, mode == "1")
-        for name, body in sections.items()
-        if name in ("Nodes", "Elements", "Entities", "PartitionedEntities")
-    }
+    names = re.findall(r'^\s*\d+\s+-?\d+\s+"(.*)"', sections["PhysicalNames"].decode(), re.M)
+    check_count(len(names))
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ValueError(f"{count} groups are named {name!r}: give each its own")
+    numbers = {name: _Numbers(sections[name], name, mode == "1") for name in ("Nodes", "Elements")}
     if version == "4.1":
-        tags, places = _nodes_41(numbers["Nodes"])
-        cells = _elements_41(numbers)
+        tags, used = _walk_41(**numbers)
     else:
-        tags, places = _nodes_22(numbers["Nodes"])
-        cells = _elements_22(numbers["Elements"])
-    if not np.all((tags >= 1) & (tags < _LARGEST)):
-        raise ValueError(f"$Nodes numbers nodes beyond 1 ... {_LARGEST - 1}: renumber the mesh")
-    order = np.argsort(tags)
-    numbering = Numbering(tags[order].astype(np.intp))
-    if numbering.repeated()[0].size:
+        tags, used, sections["Elements"] = _walk_22(**numbers)
+    groups: Groups | None = None
+    if version == "4.1" and "Entities" in sections:
+        groups = {}
+        for name in ("Entities", "PartitionedEntities"):  # the latter are parts of the former
+            if name in sections:
+                groups |= _groups_of_entities(_Numbers(sections[name], name, mode == "1"))
+    largest = max(10**6, len(data))  # meshio's table of nodes is as long as the largest tag
+    if not np.all((tags >= 1) & (tags <= largest)):
+        raise ValueError(f"$Nodes numbers nodes beyond 1 ... {largest}: renumber the mesh")
+    known = np.zeros(largest + 1, dtype=np.bool_)
+    known[tags.astype(np.intp)] = True
+    if np.count_nonzero(known) != tags.size:
         raise ValueError("$Nodes uses a node number twice")
-    mesh = RawMesh(places[order].astype(np.float64), [])
-    for block, _ in cells:
-        own = block.nodes
-        known = (own > 0) & (own < _LARGEST)
-        nodes = numbering.places(np.where(known, own, 0).astype(np.intp))
-        if (nodes < 0).any():
-            lost = own[nodes < 0][0]
-            raise ValueError(f"an element refers to node {lost:.0f}, which $Nodes does not hold")
-        mesh.blocks.append(Block(block.type, nodes[:, _OF_VTK.get(block.type, slice(None))]))
-    mesh.cell_sets = {name: {} for (dim, _), name in names.items() if dim <= mesh.top}
-    for number, (block, groups) in enumerate(cells):
-        for tag, members in groups.items():
-            if members.size and (block.dim, tag) in names:
-                mesh.cell_sets[names[block.dim, tag]][number] = members
-    return mesh, numbering.sorted
+    unknown = used[~known[np.where((used > 0) & (used <= largest), used, 0).astype(np.intp)]]
+    if unknown.size:
+        raise ValueError(f"an element refers to node {unknown[0]:.0f}, which $Nodes does not hold")
+    parts = (
+        f"${name}\n".encode() + sections[name] + f"$End{name}\n".encode()
+        for name in ("MeshFormat", "PhysicalNames", "Nodes", "Elements")
+        if sections[name]
+    )
+    return b"".join(parts), tags.astype(np.intp), groups
 
 
 def _sections(data: bytes) -> dict[str, bytes]:
@@ -181,110 +167,9 @@ def _sections(data: bytes) -> dict[str, bytes]:
     return sections
 
 
-def _names(text: str) -> dict[tuple[int, int], str]:
-    """Names of the physical groups by dimension and tag, from a section that states their count."""
-    announced, _, text = text.partition("\n")
-    found = re.findall(r'^\s*(\d+)\s+(-?\d+)\s+"(.*)"', text, re.M)
-    check_count(len(found))
-    for name, count in Counter(name for _, _, name in found).items():
-        if count > 1:
-            raise ValueError(f"{count} groups are named {name!r}: give each its own")
-    names = {(int(dim), int(tag)): name for dim, tag, name in found}
-    _check_total("physical names", int(announced or 0), len(names))
-    return names
-
-
-def _nodes_22(numbers: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Numbers of the nodes, (n,), and their positions, (n, 3), in format 2.2."""
-    if numbers.binary:
-        record = np.dtype([("tag", "i4"), ("position", "f8", 3)])
-        rows = numbers.take("u1", record.itemsize * numbers.line()).view(record)
-        return rows["tag"], rows["position"]
-    table = numbers.take("f8", 4 * numbers.line()).reshape(-1, 4)
-    return table[:, 0], table[:, 1:]
-
-
-def _elements_22(numbers: _Numbers) -> list[_Grouped]:
-    """Elements in format 2.2, which states the physical group of each."""
-    tables, count_read, total = [], 0, numbers.line()
-    while count_read < total:
-        kind, count, n_tags = numbers.integers("i4", 3)
-        if not numbers.binary:  # number of the element, kind, tags
-            kind, count = count, 1
-        if count < 1 or n_tags < 0:
-            raise ValueError("$Elements is damaged: negative counts")
-        nodes = _nodes_of(kind)
-        width = n_tags + nodes + numbers.binary
-        table = numbers.take("i4", count * width).reshape(count, width)
-        tags = table[:, numbers.binary : numbers.binary + min(n_tags, 1)]
-        tables.append((kind, tags, table[:, -nodes:]))
-        count_read += count
-    if len({tags.shape[1] for _, tags, _ in tables}) > 1:
-        raise ValueError(
-            "some elements have tags and some have none; save it again with "
-            "Mesh.MshFileVersion = 4.1"
-        )
-    cells = []
-    for kind, own in groupby(tables, key=lambda table: table[0]):
-        _, tags, parts = zip(*own, strict=True)
-        groups = _by_value(np.abs(np.concatenate(tags)).ravel())
-        cells.append((Block(_READ[kind][0], np.concatenate(parts)), groups))
-    return cells
-
-
-def _by_value(values: NDArray[Any]) -> dict[int, IntArray]:
-    """Places of each value."""
-    order = np.argsort(values, kind="stable")
-    found, first = np.unique(values[order], return_index=True)
-    return dict(zip(map(int, found), np.split(order, first[1:]), strict=False))
-
-
-def _nodes_41(numbers: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Numbers of the nodes, (n,), and their positions, (n, 3), in format 4.1."""
-    tags, places = [np.empty(0)], [np.empty(0)]
-    blocks, n_nodes, _, _ = numbers.integers("u8", 4)
-    for _ in range(blocks):
-        if numbers.integers("i4", 3)[2]:
-            raise ValueError("nodes with parameters; save it again with Mesh.SaveParametric = 0")
-        (count,) = numbers.integers("u8", 1)
-        tags.append(numbers.take("u8", count))
-        places.append(numbers.take("f8", 3 * count))
-    every = np.concatenate(tags)
-    _check_total("nodes", n_nodes, every.size)
-    return every, np.concatenate(places).reshape(-1, 3)
-
-
-def _elements_41(numbers: Mapping[str, _Numbers]) -> list[_Grouped]:
-    """Elements in format 4.1, by entities, which have the physical groups."""
-    groups: dict[tuple[int, int], set[int]] = {}
-    for name in ("Entities", "PartitionedEntities"):  # the latter are parts of the former
-        if name in numbers and "Entities" in numbers:
-            groups |= _groups_of_entities(numbers[name])
-    elements, found = numbers["Elements"], []
-    blocks, total, _, _ = elements.integers("u8", 4)
-    for _ in range(blocks):
-        _, entity, kind = elements.integers("i4", 3)
-        width = 1 + _nodes_of(kind)
-        (count,) = elements.integers("u8", 1)
-        nodes = elements.take("u8", count * width).reshape(count, width)[:, 1:]
-        block = Block(_READ[kind][0], nodes)
-        own = groups.get((block.dim, entity), set())  # one that is not listed has none
-        found.append((block, dict.fromkeys(own, np.arange(count))))
-    _check_total("elements", total, sum(len(block.nodes) for block, _ in found))
-    return found
-
-
-def _check_total(what: str, announced: int, found: int) -> None:
-    if found != announced:
-        raise ValueError(f"the file announces {announced} {what} and holds {found}")
-
-
-def _groups_of_entities(numbers: _Numbers) -> dict[tuple[int, int], set[int]]:
-    """Physical groups of each entity, by dimension and tag, without sign.
-
-    They stand in a section $Entities or $PartitionedEntities.
-    """
-    groups: dict[tuple[int, int], set[int]] = {}
+def _groups_of_entities(numbers: _Numbers) -> Groups:
+    """Physical groups of each entity, from a section $Entities or $PartitionedEntities."""
+    groups: Groups = {}
     partitioned = numbers.name == "PartitionedEntities"
     if partitioned:
         numbers.take("i4", 2 * numbers.integers("u8", 2)[1])  # ghosts
@@ -302,9 +187,71 @@ def _groups_of_entities(numbers: _Numbers) -> dict[tuple[int, int], set[int]]:
     return groups
 
 
+def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any], bytes]:
+    """Numbers of all nodes, of the nodes of all elements, and $Elements, in format 2.2.
+
+    In a binary file each element keeps two tags, its physical group and its entity: those of a
+    partitioned mesh have the numbers of their parts too, more or less of them, which meshio mixes.
+    """
+    if Nodes.binary:
+        record = np.dtype([("tag", "i4"), ("position", "f8", 3)])
+        tags = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)["tag"]
+    else:
+        tags = Nodes.take("f8", 4 * Nodes.line())[::4]
+    used, with_tags, count_read, total = [np.empty(0)], set(), 0, Elements.line()
+    blocks = [b"%d\n" % total]
+    while count_read < total:
+        kind, count, n_tags = Elements.integers("i4", 3)
+        if not Elements.binary:  # number of the element, kind, tags
+            kind, count = count, 1
+        if count < 1 or n_tags < 0:
+            raise ValueError("$Elements is damaged: negative counts")
+        width = n_tags + _nodes_of(kind) + Elements.binary
+        table = Elements.take("i4", count * width).reshape(count, width)
+        used.append(table[:, -_nodes_of(kind) :].ravel())
+        with_tags.add(min(n_tags, 2 if Elements.binary else 1))
+        if Elements.binary:
+            kept = [*range(1 + min(n_tags, 2)), *range(-_nodes_of(kind), 0)]
+            head = np.array([kind, count, min(n_tags, 2)], table.dtype)
+            blocks += [head.tobytes(), table[:, kept].tobytes()]
+        count_read += count
+    if len(with_tags) > 1:  # meshio shifts or mixes them
+        raise ValueError(
+            "some elements have tags and some have none; save it again with "
+            "Mesh.MshFileVersion = 4.1"
+        )
+    section = b"".join([*blocks, b"\n"]) if Elements.binary else Elements.body
+    return tags, np.concatenate(used), section
+
+
+def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Numbers of all nodes, and of the nodes of all elements, in format 4.1."""
+    tags, used, count_read = [np.empty(0)], [np.empty(0)], 0
+    blocks, n_nodes, _, _ = Nodes.integers("u8", 4)
+    for _ in range(blocks):
+        if Nodes.integers("i4", 3)[2]:
+            raise ValueError("nodes with parameters; save it again with Mesh.SaveParametric = 0")
+        (count,) = Nodes.integers("u8", 1)
+        tags.append(Nodes.take("u8", count))
+        Nodes.take("f8", 3 * count)
+    blocks, n_elements, _, _ = Elements.integers("u8", 4)
+    for _ in range(blocks):
+        width = 1 + _nodes_of(Elements.integers("i4", 3)[2])
+        (count,) = Elements.integers("u8", 1)
+        used.append(Elements.take("u8", count * width).reshape(count, width)[:, 1:].ravel())
+        count_read += count
+    nodes = np.concatenate(tags)
+    if (nodes.size, count_read) != (n_nodes, n_elements):
+        raise ValueError(
+            f"the file announces {n_nodes} nodes and {n_elements} elements and holds {nodes.size} "
+            f"and {count_read}"
+        )
+    return nodes, np.concatenate(used)
+
+
 def _nodes_of(kind: int) -> int:
     """Number of nodes of an element type of Gmsh; ValueError for types that are not read."""
-    if kind not in _READ:
+    if kind not in _NODES:
         found = "elements of third order, or of another kind"
         cure = "Save it with Mesh.ElementOrder = 1 or 2"
         if kind in (7, 14, 19):
@@ -317,7 +264,7 @@ def _nodes_of(kind: int) -> int:
             f"it holds {found} (Gmsh type {kind}); allowed are points, lines, and triangles, "
             f"quadrangles, tetrahedra, hexahedra and prisms of first or second order. {cure}"
         )
-    return _READ[kind][1]
+    return _NODES[kind]
 
 
 def write_mesh(mesh: NamedMesh, path: str | Path) -> None:

@@ -1,6 +1,6 @@
 """MED files of Salome and code_aster (``.med``), with their groups.
 
-h5py reads the arrays of the file; meshio reads such files without their groups.
+h5py reads the arrays of the file; here they become what meshio would have read, if it kept groups.
 Every node and element belongs to a family, and a family to the groups that it lists, in versions 3
 and 4. MED orders the nodes of solids as the mirror image of VTK's elements, on the same edges:
 mirrored elements are turned over where all meshes are.
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,8 +22,12 @@ from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.decks.cards import decoded
 from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sides import Sides, blocks_of
-from skfem_joint.mesh.file_mesh import Block, FileMesh, RawMesh
+from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import meshio_with_prisms
 from skfem_joint.mesh.named import check_count
+
+if TYPE_CHECKING:
+    import meshio
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _READ = """
@@ -80,17 +85,18 @@ def read_med(path: Path) -> FileMesh:
     InputError
         If the file cannot be read.
     """
+    meshio = meshio_with_prisms()
     if not read_whole(path).startswith(_SIGNATURE):
         raise ValueError("it is no MED file, which begins as HDF5 does: save it again as .med")
     cure = "pip install 'skfem-joint[salome]'; or save the mesh as .msh or .inp"
     arrays = arrays_read_apart(path, "import h5py", _READ, "h5py", cure)
     _check(arrays)
     places = _places(arrays)
-    blocks, families = list[Block](), list[IntArray]()
+    cells, families = list[tuple[str, IntArray]](), list[IntArray]()
     for kind in (key.removeprefix("NOD ") for key in arrays if key.startswith("NOD ")):
-        blocks.append(_cells(arrays, kind, len(places)))
-        families.append(_families(arrays, kind, len(blocks[-1].nodes)))
-    found = RawMesh(places.astype(np.float64), blocks)
+        cells.append(_cells(arrays, kind, len(places)))
+        families.append(_families(arrays, kind, len(cells[-1][1])))
+    found = meshio.Mesh(places, cells)
     _check_repeated(found)
     return FileMesh([found], _named_parts(arrays, found, families))
 
@@ -131,8 +137,8 @@ def _whole(arrays: dict[str, np.ndarray], name: str, columns: int) -> np.ndarray
     return values.reshape((rows, columns), order="F")
 
 
-def _cells(arrays: dict[str, np.ndarray], kind: str, n_nodes: int) -> Block:
-    """Cells of a type of MED, with the nodes in the order of VTK."""
+def _cells(arrays: dict[str, np.ndarray], kind: str, n_nodes: int) -> tuple[str, IntArray]:
+    """Cells of a type of MED, by meshio's name and the order that it has for the nodes."""
     if kind not in _TYPES:
         what = "pyramids" if kind in ("PY5", "P13") else "elements"
         raise ValueError(
@@ -144,7 +150,7 @@ def _cells(arrays: dict[str, np.ndarray], kind: str, n_nodes: int) -> Block:
     if not np.issubdtype(table.dtype, np.integer) or not np.all((table > 0) & (table <= n_nodes)):
         raise ValueError(f"elements of type {kind} refer to nodes that are not in the file")
     table = table.astype(np.intp) - 1
-    return Block(name, table[:, [*range(20), *_FACES, 26]] if kind == "H27" else table)
+    return name, table[:, [*range(20), *_FACES, 26]] if kind == "H27" else table
 
 
 def _families(arrays: dict[str, np.ndarray], kind: str, count: int) -> IntArray:
@@ -184,14 +190,15 @@ def _members(names: dict[int, list[str]], families: IntArray) -> dict[str, IntAr
     return {name: np.unique(np.concatenate(parts)) for name, parts in found.items()}
 
 
-def _check_repeated(mesh: RawMesh) -> None:
+def _check_repeated(mesh: meshio.Mesh) -> None:
     """Refuse elements on the same corners, but those that only name sides or edges."""
-    for block in mesh.blocks:
-        if block.dim < max(mesh.top, 1):
+    top = max((block.dim for block in mesh.cells), default=0)
+    for block in mesh.cells if top else ():
+        if block.dim < top:
             continue
         # MED's types with nodes in faces have the corners of those without.
         form = FORMS[{"quad9": "quad8", "hexahedron27": "hexahedron20"}.get(block.type, block.type)]
-        if again := repeated(block.nodes, form.corners):
+        if again := repeated(block.data, form.corners):
             one, other = (place + 1 for place in again)
             raise ValueError(
                 f"element {one} of its {block.type} cells has the corners of element {other}, "
@@ -200,12 +207,12 @@ def _check_repeated(mesh: RawMesh) -> None:
 
 
 def _named_parts(
-    arrays: dict[str, np.ndarray], mesh: RawMesh, families: list[IntArray]
+    arrays: dict[str, np.ndarray], mesh: meshio.Mesh, families: list[IntArray]
 ) -> list[str]:
     """Give a mesh its groups, of which ``families`` has those of each block; returns notes."""
     names = {kind: _names(arrays, kind) for kind in ("ELEME", "NOEUD")}
     groups = _groups_of_elements(names["ELEME"], mesh, families)
-    of_nodes = _members(names["NOEUD"], _families(arrays, "", len(mesh.places)))
+    of_nodes = _members(names["NOEUD"], _families(arrays, "", len(mesh.points)))
     twice = {name for name, own in groups.items() if len(own) + (name in of_nodes) > 1}
     shown = [(f"{name} ({kind})" if name in twice else name, blocks)
              for name, own in groups.items() for kind, blocks in own.items()]  # fmt: skip
@@ -214,7 +221,7 @@ def _named_parts(
     counts = Counter([name for name, _ in shown] + [*nodes])
     if again := [name for name, count in counts.items() if count > 1]:
         raise ValueError(f"names of groups come about twice: {listed(again)}; give each its own")
-    mesh.cell_sets = dict(shown)
+    mesh.cell_sets = dict(shown)  # as blocks and members, which meshio's constructor does not take
     known = {name for table in names.values() for own in table.values() for name in own}
     empty = known - groups.keys() - of_nodes.keys()
     notes = [f"groups without members are left out: {listed(empty)}"] if empty else []
@@ -222,19 +229,21 @@ def _named_parts(
 
 
 def _groups_of_elements(
-    names: dict[int, list[str]], mesh: RawMesh, families: list[IntArray]
+    names: dict[int, list[str]], mesh: meshio.Mesh, families: list[IntArray]
 ) -> dict[str, dict[str, dict[int, IntArray]]]:
     """Members of each group by its name, the kind of its elements, and the block."""
     groups = defaultdict[str, dict[str, dict[int, IntArray]]](dict)
-    for place, (block, own) in enumerate(zip(mesh.blocks, families, strict=True)):
+    for place, (block, own) in enumerate(zip(mesh.cells, families, strict=True)):
         kind = ("points", "edges", "faces", "volumes")[block.dim]
         for name, members in _members(names, own).items():
             groups[name].setdefault(kind, {})[place] = members
     return groups
 
 
-def _add_groups_of_nodes(mesh: RawMesh, groups: dict[str, IntArray]) -> list[str]:
+def _add_groups_of_nodes(mesh: meshio.Mesh, groups: dict[str, IntArray]) -> list[str]:
     """Add groups of nodes to a mesh, as points or as sides; returns notes on those left out."""
+    import meshio
+
     sides, notes = _sides(mesh), list[str]()
     for name, nodes in groups.items():
         if sides is None and nodes.size > 1:
@@ -244,25 +253,26 @@ def _add_groups_of_nodes(mesh: RawMesh, groups: dict[str, IntArray]) -> list[str
         if isinstance(members, str):
             notes.append(f"group {name!r} {members}: left out")
         elif what == "nodes" or sides is None:
-            mesh.node_sets[name] = members
+            mesh.point_sets[name] = members
         else:
             mesh.cell_sets[name] = {}
             for side, corners in blocks_of(members):
-                mesh.cell_sets[name][len(mesh.blocks)] = np.arange(len(corners))
-                mesh.blocks.append(Block(side, corners))
+                mesh.cell_sets[name][len(mesh.cells)] = np.arange(len(corners))
+                mesh.cells.append(meshio.CellBlock(side, corners))
     return notes
 
 
-def _sides(mesh: RawMesh) -> Sides | None:
+def _sides(mesh: meshio.Mesh) -> Sides | None:
     """Sides of the elements; None where these are of kinds without a table."""
-    blocks = [block for block in mesh.blocks if block.dim == mesh.top]
+    top = max((block.dim for block in mesh.cells), default=0)
+    blocks = [block for block in mesh.cells if block.dim == top]
     forms = [FORMS[block.type] for block in blocks if block.type in FORMS]
     if len(forms) < len(blocks) or len({form.family for form in forms}) != 1:
         return None
     width = max(form.nodes for form in forms)
     nodes = [
-        np.pad(block.nodes, ((0, 0), (0, width - form.nodes)), constant_values=-1)
+        np.pad(block.data, ((0, 0), (0, width - form.nodes)), constant_values=-1)
         for block, form in zip(blocks, forms, strict=True)
     ]
-    form_of = np.repeat(np.arange(len(forms)), [len(block.nodes) for block in blocks])
-    return Sides(forms, form_of, np.concatenate(nodes), len(mesh.places))
+    form_of = np.repeat(np.arange(len(forms)), [len(block.data) for block in blocks])
+    return Sides(forms, form_of, np.concatenate(nodes), len(mesh.points))

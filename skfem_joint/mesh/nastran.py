@@ -20,7 +20,8 @@ from skfem_joint.matrix_files.bulk_data import Entry, entries, real, whole
 from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sets import FARTHEST
-from skfem_joint.mesh.file_mesh import Block, FileMesh, RawMesh
+from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import meshio_with_prisms
 from skfem_joint.mesh.named import check_count
 
 
@@ -191,6 +192,7 @@ class _Bulk:
 
     def mesh(self) -> FileMesh:
         """The mesh."""
+        meshio = meshio_with_prisms()
         if not self.blocks:
             raise ValueError("it holds no elements: write GRID, CTETRA, CHEXA and the like")
         top = max(_KINDS[word].dim for word in self.words)
@@ -201,9 +203,12 @@ class _Bulk:
                 "read: say bolts as [[bolt]], and take them out"
             )
         numbering = self._numbering()
-        blocks = [Block(name, self._nodes(own, numbering)) for name, own in self.blocks.items()]
-        for found, block in zip(blocks, self.blocks.values(), strict=True):
-            if found.dim == top and (again := repeated(found.nodes, FORMS[found.type].corners)):
+        cells = [(name, self._nodes(block, numbering)) for name, block in self.blocks.items()]
+        found = meshio.Mesh(np.array(self.places), cells)
+        for cells_of, block in zip(found.cells, self.blocks.values(), strict=True):
+            if cells_of.dim == top and (
+                again := repeated(cells_of.data, FORMS[cells_of.type].corners)
+            ):
                 place, other = again
                 raise ValueError(
                     f"line {block.lines[place]}: element {block.numbers[place]} has the corners of "
@@ -211,11 +216,11 @@ class _Bulk:
                 )
         check_count(len(self.groups))
         order = {name: place for place, name in enumerate(self.blocks)}
-        sets = {
+        found.cell_sets = {  # as blocks and members, which meshio's constructor does not take
             group: {order[name]: np.array(members) for name, members in own.items()}
             for group, own in self.groups.items()
         }
-        return FileMesh([RawMesh(np.array(self.places), blocks, sets)], self._notes(top))
+        return FileMesh([found], self._notes(top))
 
     def _numbering(self) -> Numbering:
         """Places of the nodes by their numbers."""

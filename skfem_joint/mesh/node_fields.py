@@ -11,7 +11,8 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import read_whole
-from skfem_joint.mesh.gmsh import numbered_msh
+from skfem_joint.mesh.gmsh import check_msh
+from skfem_joint.mesh.reading import group_nodes
 
 
 def node_field(path: Path, name: str, on: str) -> tuple[FloatArray, FloatArray]:
@@ -38,15 +39,11 @@ def node_field(path: Path, name: str, on: str) -> tuple[FloatArray, FloatArray]:
         If the file cannot be read as a mesh, if it has no such group, or not one such field of
         one component, and if nodes of the group have no value.
     """
-    mesh, numbers = numbered_msh(path)
-    groups = {group: blocks for group, blocks in mesh.cell_sets.items() if blocks}
-    if on not in groups:
-        raise InputError(f"{path}: found no group {on!r}; it has {', '.join(groups) or 'none'}")
-    cells = (mesh.blocks[block].nodes[own].ravel() for block, own in groups[on].items())
-    nodes = np.unique(np.concatenate([*cells]))
-    number = numbers[nodes]
+    nodes, places = group_nodes(path, on)
+    data = read_whole(path)
+    number = np.sort(check_msh(data)[1])[nodes]
     try:
-        fields = [*_node_data(read_whole(path))]
+        fields = [*_node_data(data)]
     except (ValueError, IndexError, OverflowError, MemoryError) as error:
         raise InputError(f"{path}: a section $NodeData is cut or damaged: {error}") from error
     found = [(tags, values) for title, tags, values in fields if title == name]
@@ -68,7 +65,7 @@ def node_field(path: Path, name: str, on: str) -> tuple[FloatArray, FloatArray]:
             f"{where}: {np.count_nonzero(lacks)} of {nodes.size} nodes of {on!r} have no finite "
             f"value, first node {number[lacks][0]}"
         )
-    return mesh.places[nodes], there
+    return places, there
 
 
 def _node_data(data: bytes) -> Iterator[tuple[str, IntArray, FloatArray]]:

@@ -1,33 +1,36 @@
 """Reads mesh files of lines, triangles, quadrilaterals, tetrahedra, hexahedra or prisms.
 
-Files of Gmsh are read by `skfem_joint.mesh.gmsh`, those of Abaqus and CalculiX by
-`skfem_joint.mesh.decks.abaqus`, MED files by `skfem_joint.mesh.med`, Nastran's by
-`skfem_joint.mesh.nastran`. ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a
-file holds twice, loses groups inside a mesh and boundaries of second-order files, and drops a kind
-of cell if a file mixes two. meshio allocates memory for any count that a file states, takes a wrong
-node if an element refers to a missing one, keeps the last of two groups with one name, refuses
-files in which some entities belong to no group, and empties groups of reversed curves.
+Files of Abaqus and CalculiX are read by `skfem_joint.mesh.decks.abaqus`, MED files by
+`skfem_joint.mesh.med`, Nastran's by `skfem_joint.mesh.nastran`. meshio reads those of Gmsh, since
+``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds twice, loses groups
+inside a mesh and boundaries of second-order files, and drops a kind of cell if a file mixes two.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 import os
+import struct
+import tempfile
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.files import read_whole
 from skfem_joint.ground.values import POSITIVE, several
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, distinct, same_columns, spot
 from skfem_joint.mesh.collapsed import joined
 from skfem_joint.mesh.decks.abaqus import read_inp
-from skfem_joint.mesh.file_mesh import FileMesh, RawMesh
-from skfem_joint.mesh.gmsh import read_msh
+from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import PRISM_18, Groups, check_msh, meshio_with_prisms
 from skfem_joint.mesh.med import read_med
 from skfem_joint.mesh.named import (
     NamedMesh,
@@ -40,7 +43,11 @@ from skfem_joint.mesh.named import (
 from skfem_joint.mesh.nastran import read_nastran
 from skfem_joint.mesh.straightening import at_nodes_of, straightening
 
-#: Readers by the endings of files; Gmsh's have any other.
+if TYPE_CHECKING:
+    import meshio
+
+
+#: Readers of the package by the endings of files; Gmsh's have any other.
 _READERS: dict[str, Callable[[Path], FileMesh]] = {
     **{".inp": read_inp, ".med": read_med},
     **dict.fromkeys((".bdf", ".nas", ".dat"), read_nastran),
@@ -116,10 +123,95 @@ def _meshes_of(file: Path, scale: float) -> list[NamedMesh]:
     if not file.is_file():
         wrong = "not a file" if file.exists() else "no such mesh file"
         raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
-    found = _READERS.get(file.suffix.lower(), read_msh)(file)
+    read = _READERS.get(file.suffix.lower())
+    if read is None:
+        return [_named_mesh(_read(file), str(file), scale)]
+    found = read(file)
     meshes = [_named_mesh(body, str(file), scale) for body in found.bodies]
     notes = tuple(f"{file}: {note}" for note in found.notes)
     return [replace(each, notes=each.notes + notes, plane=found.plane) for each in meshes]
+
+
+def _read(file: Path) -> meshio.Mesh:
+    """Mesh as meshio reads it, with the groups as cell sets and the file's numbering of nodes.
+
+    Every failure becomes an InputError. meshio prints about files that it cannot parse and ends the
+    process: both are caught.
+    """
+    import meshio
+
+    data = read_whole(file)
+    # Exceptions that meshio's parsers raise for damaged files, besides its own ReadError and exit.
+    failures = (
+        *(SystemExit, meshio.ReadError, struct.error),
+        *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
+        *(MemoryError, NameError, OSError, RuntimeError, TypeError, ValueError),
+        DeprecationWarning,
+    )
+    printed = io.StringIO()
+    try:
+        with (
+            contextlib.redirect_stdout(printed),
+            contextlib.redirect_stderr(printed),
+            warnings.catch_warnings(),
+        ):
+            # numpy 2 refuses such texts; version 1 warns and goes on with other numbers.
+            for damage in ("string or file could not be read", "NumPy will stop allowing"):
+                warnings.filterwarnings("error", damage, DeprecationWarning)
+            content, tags, groups = check_msh(data)
+            raw = _through_meshio(content)
+            raw.cell_sets = _members(raw, groups)
+            order = np.argsort(tags)  # nodes are numbered as in the file
+            raw.points = raw.points[order]
+            for block in raw.cells:
+                block.data = np.argsort(order)[block.data]
+                if block.type == "wedge18":
+                    block.data = block.data[:, PRISM_18]
+    except failures as error:
+        reason = str(error) or type(error).__name__
+        if isinstance(error, SystemExit):
+            reason = " ".join(printed.getvalue().split())
+        elif isinstance(error, LookupError):
+            reason = f"it refers to something that it does not define ({error})"
+        raise InputError(
+            f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
+            "2.2 or 4.1 (.msh) and files of Abaqus or CalculiX (.inp), Salome (.med) or Nastran "
+            "(.bdf, .nas, .dat). Gmsh converts others, e.g. gmsh mesh.cgns -save -o mesh.msh"
+        ) from error
+    return raw
+
+
+def _through_meshio(content: bytes) -> meshio.Mesh:
+    """Mesh that meshio reads from a file with this content."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "mesh"
+        copy.write_bytes(content)
+        mesh: meshio.Mesh = meshio_with_prisms().read(copy, file_format="gmsh")
+        return mesh
+
+
+def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, IntArray]]:
+    """Cells of each named physical group: numbers within a block, by number of the block."""
+    members: dict[str, dict[int, IntArray]] = {name: {} for name in raw.field_data}
+    names: dict[tuple[int, int], list[str]] = {}
+    for name, (tag, dim) in raw.field_data.items():
+        names.setdefault((int(dim), int(tag)), []).append(name)
+    for number, block in enumerate(raw.cells):
+        inside: dict[int, IntArray] = {}  # by tag
+        if entities is not None and len(block.data):
+            entity = int(raw.cell_data["gmsh:geometrical"][number][0])
+            groups = entities.get((block.dim, entity), ())  # an entity that is not listed has none
+            inside = dict.fromkeys(groups, np.arange(len(block.data)))
+        elif "gmsh:physical" in raw.cell_data:
+            tags = np.abs(raw.cell_data["gmsh:physical"][number])
+            order = np.argsort(tags, kind="stable")
+            values, first = np.unique(tags[order], return_index=True)
+            parts = np.split(order, first[1:])
+            inside = dict(zip(values.tolist(), parts, strict=True)) if values.size else {}
+        for tag, cells in inside.items():
+            for name in names.get((block.dim, tag), ()):
+                members[name][number] = cells
+    return members
 
 
 class _Elements(NamedTuple):
@@ -140,7 +232,7 @@ class _Elements(NamedTuple):
     own: list[IntArray]
 
 
-def _elements(raw: RawMesh) -> _Elements:
+def _elements(raw: meshio.Mesh) -> _Elements:
     """Elements of a file; ValueError for kinds that are not read, and orders that differ."""
     from skfem.io.meshio import INV_HEX_MAPPING
 
@@ -152,40 +244,40 @@ def _elements(raw: RawMesh) -> _Elements:
         "hexahedron": "hexahedron",
         "wedge": "prism",
     }
-    top = raw.top
-    chosen = [block for block in raw.blocks if block.dim == top and len(block.nodes)]
-    types = sorted({block.type for block in chosen})
+    top = max((block.dim for block in raw.cells if len(block.data)), default=0)
+    types = sorted({block.type for block in raw.cells if block.dim == top and len(block.data)})
     if top == 0:
         raise ValueError(
             "it holds neither lines (a bar) nor triangles or quadrilaterals (a plate), tetrahedra, "
             "hexahedra or prisms (a solid). In Gmsh, mesh the curves, surfaces or volumes, and "
             "save elements of named groups or all"
         )
-    orders = {1 if top == 1 else 1 + (block.shape != block.type) for block in chosen}
+    names = {each: each.rstrip("0123456789") for each in types}
+    orders = {1 if top == 1 else 1 + (name != each) for each, name in names.items()}
     if len(orders) > 1:
         raise ValueError(
             f"it mixes cells of type {' and '.join(types)}: all elements of a mesh must have the "
             "same order"
         )
-    if not {block.shape for block in chosen} <= set(kinds):
+    if not set(names.values()) <= set(kinds):
         raise ValueError(f"it holds {' and '.join(types)}: allowed are {', '.join(kinds)}")
     blocks, own, count = [], [], 0
-    for block in raw.blocks:
-        nodes = block.nodes
+    for block in raw.cells:
+        nodes = np.asarray(block.data, dtype=np.intp)
         if block.dim == top == 1:  # two ends, then inner nodes from the first end to the second
             nodes = nodes[:, [0, *range(2, nodes.shape[1]), 1]]
             nodes = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=-1).reshape(-1, 2)
         if block.dim == top and len(nodes):
-            cell = CELLS[kinds[block.shape]]
+            cell = CELLS[kinds[names[block.type]]]
             rows = INV_HEX_MAPPING[: nodes.shape[1]] if cell.sign < 0 else slice(None)
             blocks.append((cell, nodes.T[rows]))
             count += len(nodes)
-        own.append(np.arange(count - len(nodes), count).reshape(len(block.nodes), -1))
+        own.append(np.arange(count - len(nodes), count).reshape(len(block.data), -1))
     return _Elements(blocks, orders.pop(), own)
 
 
 def _groups(
-    raw: RawMesh, cell: Cell, elements: _Elements
+    raw: meshio.Mesh, cell: Cell, elements: _Elements
 ) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
     """Groups of a file.
 
@@ -202,25 +294,26 @@ def _groups(
     allowed = {n for kind, _ in elements.blocks for n in kind.corners_of_sides}
     own, rows = elements.own, max(cell.corners_of_sides)
     regions: dict[str, IntArray] = {}
-    others = {name: np.reshape(nodes, (-1, 1)) for name, nodes in raw.node_sets.items()}
+    others = {name: np.reshape(nodes, (-1, 1)) for name, nodes in raw.point_sets.items()}
     left_out, lost = [], []
     for name, blocks in raw.cell_sets.items():
-        inside = [*blocks]
-        dim = raw.blocks[inside[0]].dim if inside else -1
+        blocks = blocks if isinstance(blocks, dict) else dict(enumerate(blocks))
+        inside = [i for i, members in blocks.items() if members is not None and len(members)]
+        dim = raw.cells[inside[0]].dim if inside else -1
         if dim == cell.dim:
             regions[name] = np.concatenate([own[i][blocks[i]].ravel() for i in inside])
         elif 0 < dim < cell.dim - 1:
             left_out.append(name)
         elif dim >= 0:
-            count = [corners_of[raw.blocks[i].type[:4]] if dim else 1 for i in inside]
+            count = [corners_of[raw.cells[i].type[:4]] if dim else 1 for i in inside]
             if dim and not set(count) <= allowed:
                 raise ValueError(f"group {name!r} holds cells that are no sides of its elements")
             # The last corner of a triangle stands twice beside quadrilaterals.
             corners = [np.minimum(range(rows if dim else 1), n - 1) for n in count]
             others[name] = np.concatenate(
-                [raw.blocks[i].nodes[blocks[i]][:, n] for i, n in zip(inside, corners, strict=True)]
+                [raw.cells[i].data[blocks[i]][:, n] for i, n in zip(inside, corners, strict=True)]
             )
-        else:
+        elif raw.field_data.get(name, (0, 0))[1] <= cell.dim:
             lost.append(name)
     if lost:
         raise ValueError(
@@ -230,11 +323,13 @@ def _groups(
     return regions, others, left_out
 
 
-def _named_mesh(raw: RawMesh, path: str, scale: float) -> NamedMesh:
-    """Named mesh of what a file holds; ValueError says why there is none."""
+def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
+    """Named mesh of a file that meshio has read; ValueError says why there is none."""
     elements = _elements(raw)
     cell, corners = joined([(kind, nodes[: kind.corners]) for kind, nodes in elements.blocks])
-    position = scale * np.pad(raw.places, ((0, 0), (0, 3 - raw.places.shape[1])))
+    position = np.zeros((len(raw.points), 3))
+    position[:, : raw.points.shape[1]] = raw.points
+    position *= scale
     check_finite(position)
     regions, others, left_out = _groups(raw, cell, elements)
     first, set_of = same_columns(distinct(corners))  # cells are repeated for each group
@@ -266,9 +361,9 @@ def _named_mesh(raw: RawMesh, path: str, scale: float) -> NamedMesh:
         )
     notes = [f"group {name!r} of lines in a solid is left out" for name in left_out]
     held = np.concatenate([nodes.ravel() for _, nodes in elements.blocks])
-    for block in raw.blocks:
+    for block in raw.cells:
         lower = 0 < block.dim < cell.dim
-        apart = ~np.isin(block.nodes, held).all(axis=1) if lower else np.zeros(0)
+        apart = ~np.isin(block.data, held).all(axis=1) if lower else np.zeros(0)
         if apart.any():
             notes.append(
                 f"{np.count_nonzero(apart)} cells of type {block.type} have nodes that no "
@@ -354,3 +449,18 @@ def _line(xyz: FloatArray) -> tuple[FloatArray, FloatArray]:
     if along[np.argmax(np.abs(along) > TOLERANCE * length)] < 0.0:
         a, along = b, -along
     return xyz[a], along / length
+
+
+def group_nodes(file: Path, name: str) -> tuple[IntArray, FloatArray]:
+    """Nodes of a physical group of a Gmsh file, and their places (k, 3) in its unit.
+
+    The nodes, (k,), count from 0 in the order of their numbers in the file. InputError if the file
+    cannot be read, or has no such group.
+    """
+    raw = _read(file)
+    groups = {group: blocks for group, blocks in raw.cell_sets.items() if blocks}
+    if name not in groups:
+        raise InputError(f"{file}: found no group {name!r}; it has {', '.join(groups) or 'none'}")
+    cells = (raw.cells[block].data[own].ravel() for block, own in groups[name].items())
+    nodes = np.unique(np.concatenate([*cells]))
+    return nodes, np.asarray(raw.points[nodes], dtype=np.float64)

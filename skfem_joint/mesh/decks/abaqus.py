@@ -2,7 +2,7 @@
 
 `skfem_joint.mesh.decks.cards` takes the file apart, `keywords` says which cards count,
 `sets` keeps what they list, scope by scope. Here instances are put in their places, and sets
-become cells and their groups.
+become what meshio would have read, if it read them: cells, sets of cells and points.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,8 +24,12 @@ from skfem_joint.mesh.decks.elements import TYPES, ElementForm, plane_of, remark
 from skfem_joint.mesh.decks.keywords import sorted_out
 from skfem_joint.mesh.decks.sets import FARTHEST, NameSet, Scope, Surface
 from skfem_joint.mesh.decks.sides import Sides, blocks_of
-from skfem_joint.mesh.file_mesh import Block, FileMesh, RawMesh
+from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import meshio_with_prisms
 from skfem_joint.mesh.named import check_count
+
+if TYPE_CHECKING:
+    import meshio
 
 #: Members of all sets together, of which each takes 8 bytes.
 _MOST_MEMBERS = 10**8
@@ -292,13 +297,13 @@ class _Groups:
         return named
 
 
-def _body(sides: Sides, places: FloatArray, own: slice, groups: dict[str, _Group]) -> RawMesh:
+def _body(sides: Sides, places: FloatArray, own: slice, groups: dict[str, _Group]) -> meshio.Mesh:
     """Mesh of some elements, with their groups."""
     chosen = np.arange(len(sides.elements))[own]
-    blocks, block_of = list[Block](), list[IntArray]()
+    cells, block_of = list[tuple[str, IntArray]](), list[IntArray]()
     for number, form in enumerate(sides.forms):
         block_of.append(chosen[sides.form_of[chosen] == number])
-        blocks.append(Block(form.name, sides.elements[block_of[-1]][:, : form.nodes]))
+        cells.append((form.name, sides.elements[block_of[-1]][:, : form.nodes]))
     cell_sets, points = dict[str, dict[int, IntArray]](), dict[str, IntArray]()
     used = np.zeros(len(places), dtype=np.bool_)
     nodes = sides.elements[own]
@@ -311,12 +316,14 @@ def _body(sides: Sides, places: FloatArray, own: slice, groups: dict[str, _Group
                 cell_sets[name] = members
         elif group.what == "sides":
             cell_sets[name] = {}
-            for side, corners in blocks_of(group.members):
-                cell_sets[name][len(blocks)] = np.arange(len(corners))
-                blocks.append(Block(side, corners))
+            for side in blocks_of(group.members):
+                cell_sets[name][len(cells)] = np.arange(len(side[1]))
+                cells.append(side)
         elif used[group.members].any():
             points[name] = group.members[used[group.members]]
-    return RawMesh(places, blocks, cell_sets, points)
+    mesh = meshio_with_prisms().Mesh(places, cells, point_sets=points)
+    mesh.cell_sets = cell_sets  # as blocks and members, which its constructor does not take
+    return mesh
 
 
 def _forms(kinds: Mapping[str, Card]) -> tuple[list[ElementForm], str]:
