@@ -264,13 +264,15 @@ def compiled_for(function: Any, *kinds: Any, inlined: bool = False) -> Any:
     """Decorator: implementation of a generic ``function`` for kinds of its first argument.
 
     Compiled code that calls ``function`` gets the implementation for the named tuple types
-    ``kinds``. A call hands over each array of a named tuple by seven words, which takes a third of
-    the time of small steps: functions that a loop calls are ``inlined``.
+    ``kinds``, or for all arguments if there are none. A call hands over each array of a named tuple
+    by seven words, which takes a third of the time of small steps: functions that a loop calls are
+    ``inlined``.
     """
 
     def decorate(own: Any) -> Any:
         def chosen(*arguments: Any) -> Any:
-            return own if getattr(arguments[0], "instance_class", None) in kinds else None
+            kind = getattr(arguments[0], "instance_class", None) if kinds else None
+            return own if not kinds or kind in kinds else None
 
         # numba reads the names of the arguments.
         chosen.__signature__ = signature(own)  # type: ignore[attr-defined]
@@ -280,17 +282,5 @@ def compiled_for(function: Any, *kinds: Any, inlined: bool = False) -> Any:
     return decorate
 
 
-def compiled_as(function: Any) -> Any:
-    """Decorator: implementation of a Python ``function`` in compiled code, for all arguments."""
-
-    def decorate(own: Any) -> Any:
-        def chosen(*arguments: Any) -> Any:
-            del arguments
-            return own
-
-        # numba reads the names of the arguments.
-        chosen.__signature__ = signature(own)  # type: ignore[attr-defined]
-        overload(function, jit_options=_OF_PARTS)(chosen)
-        return own
-
-    return decorate
+#: Decorator: implementation of a Python ``function`` in compiled code, for all arguments.
+compiled_as = compiled_for

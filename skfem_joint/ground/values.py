@@ -134,7 +134,7 @@ def _falls(where: str, x: NDArray[np.float64]) -> list[str]:
     ]
 
 
-def several(where: str, given: Any, kind: type = object) -> tuple[Any, ...]:
+def several(where: str, given: Any, kind: type | UnionType = object) -> tuple[Any, ...]:
     """Tuple of what is given as a list, each of a kind.
 
     InputError for one of it, such as a name, in its place, and for others than of the kind.

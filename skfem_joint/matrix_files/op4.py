@@ -134,8 +134,8 @@ class _Binary:
         words = np.frombuffer(content, order + "i4", len(content) // 4)
         self.words = np.ascontiguousarray(words.astype(np.int32, copy=False))
 
-    def headers(self) -> Iterator[tuple[_Header, int]]:
-        """Headers, with the word at which their columns begin."""
+    def headers(self) -> Iterator[tuple[_Header, tuple[int, IntArray]]]:
+        """Headers, with the word at which columns begin, and the entries before each column."""
         at, n, size = 0, self.words.size, 8 if self.wide else 4
         length = 48 if self.wide else 24
         kind = (">" if self.big else "<") + ("i8" if self.wide else "i4")
@@ -149,19 +149,18 @@ class _Binary:
             header = _Header(_name(record[4 + 4 * size : -4]), *numbers)
             header.check(len(self.content))
             begin = at + length // 4 + 2
-            yield header, begin
             none = np.zeros(0, np.int32)
             indptr = np.zeros(header.columns + 1, np.int64)
-            at, _ = self._columns(header, begin, indptr, none, none)
+            at = self._columns(header, begin, indptr, none, none)
+            yield header, (begin, indptr)
         if len(self.content) % 4:
             raise ValueError("ends within a word, so that it may be cut")
 
-    def matrix(self, header: _Header, begin: int) -> sparse.csr_array:
-        """Transpose of a matrix, whose columns begin at a word."""
+    def matrix(self, header: _Header, place: tuple[int, IntArray]) -> sparse.csr_array:
+        """Transpose of a matrix, of which `headers` gave the place."""
         n, per = header.columns, self._words_of_value(header)
-        indptr = np.zeros(n + 1, np.int64)
-        none = np.zeros(0, np.int32)
-        _, count = self._columns(header, begin, indptr, none, none)
+        begin, indptr = place
+        count = int(indptr[-1])
         indices, values = np.zeros(count, np.int32), np.zeros(count * per, np.int32)
         self._columns(header, begin, indptr, indices, values)
         if per == 1:
@@ -185,8 +184,8 @@ class _Binary:
         indptr: IntArray,
         indices: np.ndarray,
         values: np.ndarray,
-    ) -> tuple[int, int]:
-        """Word after a matrix, and number of its entries; they are stored if there is space."""
+    ) -> int:
+        """Word after a matrix, whose entries are counted, and stored if there is space."""
         from skfem_joint.matrix_files.op4_loops import WRONG, read_columns
 
         large = header.rows < 0 or header.rows >= _LARGE
@@ -194,10 +193,10 @@ class _Binary:
         layout = np.array([self.wide, self.big, per, large], np.int64)
         rows = abs(header.rows)
         arguments = begin, rows, header.columns, layout, indptr, indices, values
-        wrong, at, count = read_columns(self.words, *arguments, bool(indices.size))
+        wrong, at, _ = read_columns(self.words, *arguments, bool(indices.size))
         if wrong:
             raise ValueError(f"{header.name}: {WRONG[wrong]}, at byte {4 * at}")
-        return at, count
+        return int(at)
 
 
 def _name(text: bytes) -> str:
@@ -221,63 +220,63 @@ _WIDE_HEADER = re.compile(
 
 
 class _Text:
-    """Matrices of a text file."""
+    """Matrices of a text file, read line by line."""
 
     def __init__(self, content: bytes) -> None:
-        self.content = content
+        self.content, self.at = content, 0  # byte at which the next line begins
         self.size = len(content)
 
-    def headers(self) -> Iterator[tuple[_Header, tuple[int, int, int]]]:
-        """Headers, with the byte at which columns begin, numbers in a line and their width."""
-        at = 0
-        while at < self.size and self.content[at:].strip(b"\r\n "):
-            found = _TEXT_HEADER.match(self.content, at) or _WIDE_HEADER.match(self.content, at)
+    def headers(self) -> Iterator[tuple[_Header, sparse.csr_array]]:
+        """Headers, with the transposes of their matrices."""
+        while self.at < self.size and self.content[self.at :].strip(b"\r\n "):
+            found = _TEXT_HEADER.match(self.content, self.at)
+            found = found or _WIDE_HEADER.match(self.content, self.at)
             if found is None:
-                raise ValueError(f"line {self._line(at)}: found no header of a matrix")
+                raise ValueError(f"line {self._line() + 1}: found no header of a matrix")
             numbers = [int(cell) for cell in found.groups()[:4]]
             header = _Header(_name(found[5]), *numbers)
             header.check(self.size)
-            layout = found.end(), int(found[6]), int(found[7])
-            if min(layout[1:]) < 1:
-                raise ValueError(f"line {self._line(at)}: found no format of numbers")
-            yield header, layout
-            at = self._read(header, layout, None)
+            per_line, width = int(found[6]), int(found[7])
+            if min(per_line, width) < 1:
+                raise ValueError(f"line {self._line() + 1}: found no format of numbers")
+            self.at = found.end()
+            yield header, self._matrix(header, per_line, width)
 
-    def matrix(self, header: _Header, layout: tuple[int, int, int]) -> sparse.csr_array:
-        """Transpose of a matrix."""
-        strings: list[tuple[int, int, list[float]]] = []
-        self._read(header, layout, strings)
+    def matrix(self, _: _Header, place: sparse.csr_array) -> sparse.csr_array:
+        """Transpose of a matrix, of which `headers` gave the place."""
+        return place
+
+    def _matrix(self, header: _Header, per_line: int, width: int) -> sparse.csr_array:
+        """Transpose of the matrix that begins here."""
+        strings = [*self._strings(header, per_line, width)]
+        shape = header.columns, abs(header.rows)
+        if header.kind in (3, 4):  # complex, which is refused where it is wanted
+            return sparse.csr_array(shape)
         counts = np.array([len(numbers) for _, _, numbers in strings], dtype=np.intp)
         column = np.repeat([string[0] for string in strings], counts).astype(np.intp)
         first = np.repeat([string[1] for string in strings], counts).astype(np.intp)
         begin = np.repeat(np.cumsum(counts) - counts, counts)
         row = first + np.arange(counts.sum()) - begin
         data = np.array([x for string in strings for x in string[2]], dtype=float)
-        n = header.columns
-        return sparse.csr_array(sparse.coo_array((data, (column, row)), shape=(n, n)))
+        return sparse.csr_array(sparse.coo_array((data, (column, row)), shape=shape))
 
-    def _read(
-        self,
-        header: _Header,
-        layout: tuple[int, int, int],
-        strings: list[tuple[int, int, list[float]]] | None,
-    ) -> int:
-        """Byte after a matrix, whose strings of consecutive rows are added to a list, if given."""
-        at, per_line, width = layout
+    def _strings(
+        self, header: _Header, per_line: int, width: int
+    ) -> Iterator[tuple[int, int, list[float]]]:
+        """Column, first row and numbers of the strings of consecutive rows of a matrix."""
         large = header.rows < 0 or header.rows >= _LARGE
         words = 2 if header.kind in (2, 4) else 1  # of a real number
         last = 0
         while True:
-            line, at = self._next(at)
-            column, row, left = self._integers(line, 3, at)
+            column, row, left = self._integers(3)
             if not last < column <= header.columns + 1:
                 raise ValueError(
-                    f"line {self._line(at) - 1}: found column {column}, must be {last + 1} to "
+                    f"line {self._line()}: found column {column}, must be {last + 1} to "
                     f"{header.columns + 1}"
                 )
             if column == header.columns + 1:
-                _, at = self._next(at)
-                return at
+                self._next()
+                return
             last, next_row = column, 1
             dense = row > 0
             while left > 0:
@@ -286,63 +285,63 @@ class _Text:
                 if dense:
                     left = 0
                 else:
-                    line, at = self._next(at)
                     if large:
-                        length, row = self._integers(line, 2, at)
+                        length, row = self._integers(2)
                         amount, left = length - 1, left - length - 1
                     else:
-                        (both,) = self._integers(line, 1, at)
+                        (both,) = self._integers(1)
                         amount, row = (both >> 16) - 1, both & 0xFFFF
                         left -= amount + 1
                     amount = amount // words if amount % words == 0 else 0
                 if amount < 1 or left < 0 or row < next_row or amount > self.size:
                     raise ValueError(
-                        f"line {self._line(at) - 1}: found row {row} and {amount} numbers, which "
-                        "does not fit the column"
+                        f"line {self._line()}: found row {row} and {amount} numbers, which does "
+                        "not fit the column"
                     )
                 entries = amount // 2 if header.kind in (3, 4) else amount
                 if row + entries - 1 > abs(header.rows):
-                    raise ValueError(f"line {self._line(at) - 1}: found row {row}, out of range")
-                numbers, at = self._numbers(at, amount, per_line, width)
-                if strings is not None:
-                    strings.append((column - 1, row - 1, numbers))
+                    raise ValueError(f"line {self._line()}: found row {row}, out of range")
+                yield column - 1, row - 1, self._numbers(amount, per_line, width)
                 next_row = row + entries
 
-    def _numbers(self, at: int, amount: int, per_line: int, width: int) -> tuple[list[float], int]:
-        """Numbers of fixed width from a byte on, and the byte after them."""
+    def _numbers(self, amount: int, per_line: int, width: int) -> list[float]:
+        """Numbers of fixed width in the next lines."""
         numbers: list[float] = []
         while len(numbers) < amount:
-            line, at = self._next(at)
+            line = self._next()
             here = min(per_line, amount - len(numbers))
             cells = [line[width * k : width * (k + 1)] for k in range(here)]
             if line[width * here :].strip() or not all(map(_REAL_CELL.fullmatch, cells)):
                 raise ValueError(
-                    f"line {self._line(at) - 1}: found {line[:60]!r}, must be {here} numbers of "
+                    f"line {self._line()}: found {line[:60]!r}, must be {here} numbers of "
                     f"{width} characters"
                 )
             numbers += [float(cell.translate(_TO_E)) for cell in cells]
-        return numbers, at
+        return numbers
 
-    def _next(self, at: int) -> tuple[bytes, int]:
-        """Line from a byte on, and the byte after it."""
-        end = self.content.find(b"\n", at)
+    def _next(self) -> bytes:
+        """Next line."""
+        end = self.content.find(b"\n", self.at)
         if end < 0:
             raise ValueError("ends within a matrix")
-        return self.content[at:end].rstrip(b"\r"), end + 1
+        line, self.at = self.content[self.at : end].rstrip(b"\r"), end + 1
+        return line
 
-    def _integers(self, line: bytes, count: int, at: int) -> list[int]:
-        """Whole numbers of eight characters each, or sixteen."""
+    def _integers(self, count: int) -> list[int]:
+        """Whole numbers of the next line, of eight characters each, or sixteen."""
+        line = self._next()
         cells = line.split()
         if len(cells) < count:  # without spaces between them
             cells = [line[8 * k : 8 * k + 8].strip() for k in range(count)]
         if len(cells) != count or not all(re.fullmatch(rb"-?\d{1,16}", cell) for cell in cells):
             raise ValueError(
-                f"line {self._line(at) - 1}: found {line[:60]!r}, must be {count} whole numbers"
+                f"line {self._line()}: found {line[:60]!r}, must be {count} whole numbers"
             )
         return [int(cell) for cell in cells]
 
-    def _line(self, at: int) -> int:
-        return self.content.count(b"\n", 0, at) + 1
+    def _line(self) -> int:
+        """Number of the line that was read last."""
+        return self.content.count(b"\n", 0, self.at)
 
 
 _REAL_CELL = re.compile(rb"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d{1,3})?\s*")

@@ -11,7 +11,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.values import COUNT, FINITE, POSITIVE
+from skfem_joint.ground.values import COUNT, FINITE, POSITIVE, check_kind, several
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, spot
 from skfem_joint.mesh.collapsed import joined
 from skfem_joint.mesh.named import NamedMesh, from_parts, name_problems
@@ -155,6 +155,9 @@ def build_box(
     InputError
         For all mistakes in names, sizes and numbers together, then for those in positions.
     """
+    for where, given in (("size", size), ("elements", elements)):
+        if len(several(where, given)) != 2:
+            raise InputError(f"{where}: found {given!r}, must be two numbers, along y and z")
     return _built(kind, strips, size, elements, order, origin, points, boundaries, prefix)
 
 
@@ -170,11 +173,25 @@ def _built(
     prefix: str = "",
 ) -> NamedMesh:
     """Mesh of a grid of any dimension; the coordinate of a bar starts at 0, whatever its origin."""
+    strips, origin = several("strips" if size else "regions", strips), several("origin", origin)
+    check_kind("prefix", prefix, str)
     if boundaries is None:
         boundaries = {prefix + side: side for side in _SIDES[: 2 + 2 * len(size)]}
+    check_kind("boundaries", boundaries, Mapping)
+    check_kind("points", {} if points is None else points, Mapping)
     limits = {
         name: (side, None) if isinstance(side, str) else side for name, side in boundaries.items()
     }
+    refuse(
+        f"{what}: found {given!r}, must be {allowed}"
+        for what, given, count, allowed in (
+            *(("strips", strip, 3, "a name, a length (m) and a number") for strip in strips),
+            *((f"boundary {n!r}", side, 2, "a side and a strip") for n, side in limits.items()),
+        )
+        if not isinstance(given, Sequence) or len(given) != count
+    )
+    if len(origin) > 3:
+        raise InputError(f"origin: found {len(origin)} numbers, must be at most 3")
     names = [name for name, _, _ in strips]
     problems = name_problems(region=names, boundary=boundaries, point=points or {})
     problems += _problems(kind, strips, size, elements, order, origin, limits)

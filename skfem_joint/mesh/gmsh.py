@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.values import check_kind
 from skfem_joint.mesh.cells import Cell, cell_of, corner_count, same_columns
 from skfem_joint.mesh.named import NamedMesh, check_count
 from skfem_joint.mesh.splitting import split
@@ -283,8 +285,10 @@ def write_mesh(mesh: NamedMesh, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If the file cannot be written, or the mesh holds several bars.
+        If the file cannot be written, the mesh holds several bars, or it is no mesh.
     """
+    check_kind("mesh", mesh, NamedMesh)
+    check_kind("path", path, str | os.PathLike)
     if mesh.dim == 1 and mesh.body.max() > 0:
         raise InputError(f"{path}: a file holds one bar; write each bar to a file of its own")
     positions, entities, tags = _entities(mesh)

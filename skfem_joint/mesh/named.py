@@ -15,6 +15,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.values import check_kind, several
 from skfem_joint.linalg.fill import fill
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
@@ -169,6 +170,7 @@ def named(
             f"mesh: found {type(mesh).__name__}, must be a mesh of scikit-fem, a mesh from "
             "load_meshes, build_bar, build_plate or build_box, or the name of a file"
         )
+    check_kind("points", {} if points is None else points, Mapping)
     try:
         own_cell, own_order = cell_of(mesh)
         cell, t = joined([(own_cell, mesh.t)])
@@ -370,8 +372,16 @@ def not_a_side(name: str, corners: FloatArray) -> str:
     )
 
 
-def name_problems(**names: Iterable[str]) -> list[str]:
-    """Problems of names, given by kind: forbidden characters, too long, or used by two kinds."""
+def name_problems(**names: Iterable[Any]) -> list[str]:
+    """Problems of names, given by kind: no texts, forbidden characters, too long, of two kinds."""
+    no_texts = [
+        f"name {name!r}: found {type(name).__name__}, must be text"
+        for given in names.values()
+        for name in given
+        if not isinstance(name, str)
+    ]
+    if no_texts:
+        return no_texts
     kinds: dict[str, list[str]] = {}
     for kind, given in names.items():
         for name in dict.fromkeys(given):
@@ -411,9 +421,10 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     Raises
     ------
     InputError
-        No mesh, different kinds or orders of elements, bars that are not parallel, or a name that
-        two meshes use.
+        No mesh or something else, different kinds or orders of elements, bars that are not
+        parallel, or a name that two meshes use.
     """
+    meshes = several("meshes", meshes, NamedMesh)
     if not meshes:
         raise InputError("no meshes to merge")
     titles = [each.path or f"mesh {number}" for number, each in enumerate(meshes, 1)]
@@ -514,7 +525,13 @@ def refined(mesh: NamedMesh) -> NamedMesh:
     Returns
     -------
     NamedMesh
+
+    Raises
+    ------
+    InputError
+        It is no mesh.
     """
+    check_kind("mesh", mesh, NamedMesh)
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])
     values, _, _, parts, sides = split(mesh.mesh, places)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import os
 import struct
 import tempfile
 import warnings
@@ -24,7 +25,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.files import read_whole
-from skfem_joint.ground.values import POSITIVE
+from skfem_joint.ground.values import POSITIVE, several
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, distinct, same_columns, spot
 from skfem_joint.mesh.collapsed import joined
 from skfem_joint.mesh.decks.abaqus import read_inp
@@ -96,8 +97,9 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
         closed, folded or disconnected; unmerged nodes of a body; middle nodes in another order;
         groups without elements; points on several nodes; names used twice.
     """
-    if isinstance(paths, str | Path):
-        paths = [paths]
+    paths = several(
+        "paths", [paths] if isinstance(paths, str | os.PathLike) else paths, str | os.PathLike
+    )
     if not paths:
         raise InputError("no mesh file is given: name a file, or several for several bodies")
     if scale not in POSITIVE:

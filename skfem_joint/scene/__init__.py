@@ -2,7 +2,7 @@
 
 `scene` has the whole scene and builds its structure and system; `tables`, `joint_tables`,
 `matrices`, `range_table` and `sweep_table` have its tables, with the keys and their meanings;
-`named_unknowns` finds nodes and directions of matrices; `values` has the types of values; `reading`
+`unknowns` finds those of matrices by number or name; `values` has the types of values; `reading`
 reads files; `messages` words mistakes; `keys` is the reference of keys; `changes` makes scenes with
 other values, `rewriting` puts them into a scene's text; `shipped` has the scenes that come with the
 package.

@@ -16,11 +16,10 @@ from pydantic import (
     model_validator,
 )
 
-from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.joints import Joint
 from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable
 from skfem_joint.joint.scans import NodeField, Scan, read_node_field, read_scan
-from skfem_joint.scene.messages import Form, mistake
+from skfem_joint.scene.messages import Form, mistake, of_key
 from skfem_joint.scene.values import (
     Coordinates,
     Direction,
@@ -30,6 +29,7 @@ from skfem_joint.scene.values import (
     Positive,
     SceneTable,
     TomlList,
+    beside_scene,
     by_form,
     key,
 )
@@ -40,11 +40,8 @@ class _PressureTable(SceneTable):
 
     @model_validator(mode="after")
     def _is_pressure(self) -> Self:
-        try:
+        with of_key(before="pressure: "):
             self.to_pressure()
-        except InputError as error:
-            lines = [problem.removeprefix("pressure: ") for problem in error.problems]
-            raise mistake("\n".join(lines)) from error
         return self
 
     def to_pressure(self) -> PressureTable | Bolts:
@@ -102,11 +99,8 @@ class _SurfaceTable(SceneTable):
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:
-        folder: Path = (info.context or {}).get("folder", Path())
-        try:
-            self._surface = self._read_surface(folder / self.file)
-        except InputError as error:
-            raise mistake("\n".join(error.problems)) from error
+        with of_key():
+            self._surface = self._read_surface(beside_scene(self.file, info))
         return self
 
     def _read_surface(self, path: Path) -> Scan | NodeField:

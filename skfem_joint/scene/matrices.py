@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, Tag
 
 from skfem_joint.ground.array_files import read_array
-from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.matrix_files.given import GivenMatrix
 from skfem_joint.matrix_files.labels import place_of, read_labels
@@ -20,11 +20,9 @@ from skfem_joint.matrix_files.reading import read_matrix
 from skfem_joint.matrix_files.units import SYSTEMS, in_si
 from skfem_joint.mesh.named import name_problems
 from skfem_joint.scene.messages import Form, mistake
-from skfem_joint.scene.named_unknowns import NamedUnknowns
+from skfem_joint.scene.unknowns import NamedUnknowns, NumberedUnknowns
 from skfem_joint.scene.values import FileName, SceneTable, TomlList, by_form, key
 from skfem_joint.structure.matrices import COLUMNS, MatrixModel
-from skfem_joint.system.system import vector_of
-from skfem_joint.system.unknowns import dof_numbers
 
 
 def _is_name(name: str) -> str:
@@ -124,14 +122,20 @@ class MatricesTable(SceneTable):
         arrays = self._tables(folder, n)
         try:
             matrices = in_si(given.matrices, given.labels, self.units)
-            named = None if given.labels is None else NamedUnknowns(given.labels)
-            own = self._numbered(arrays, n) if named is None else self._named(arrays, named)
-            contacts, points, fixed = own
+            values = {f"points.{k}": value for k, value in self.points.items()}
+            values |= {"fixed": self.fixed} | arrays
+            unknowns = (
+                NumberedUnknowns(n, self.first, values)
+                if given.labels is None
+                else NamedUnknowns(given.labels, self.first)
+            )
             return MatrixModel(
                 **{k: A for k, A in matrices.items() if k in files},
-                contacts=contacts,
-                points=points,
-                fixed=np.union1d(fixed, given.held).astype(np.intp),
+                contacts={k: self._pairs(k, unknowns) for k in self.contact},
+                points={
+                    k: unknowns.weights(f"points.{k}", values[f"points.{k}"]) for k in self.points
+                },
+                fixed=np.union1d(unknowns.held(values["fixed"]), given.held).astype(np.intp),
                 first=self.first,
                 labels=given.labels,
                 remarks=given.notes,
@@ -197,75 +201,13 @@ class MatricesTable(SceneTable):
         )
         return self._arrays
 
-    # Unknowns by their numbers
-
-    def _numbered(self, arrays: Mapping[str, Any], n: int) -> _OfModel:
-        """Contacts, points and supports of matrices whose unknowns have numbers."""
-        fixed = arrays.get("fixed", self.fixed)
-        refuse(
-            f"{where}: found {place!r}, but the files do not name their unknowns; give their "
-            "numbers, or their names by matrices.unknowns"
-            for where, place in self._places(fixed)
-        )
-        return (
-            {k: self._pairs(as_dense(arrays[f"contact.{k}"])) for k in self.contact},
-            {k: self._point(k, n) for k in self.points},
-            dof_numbers(as_dense(fixed), n, "fixed", self.first),
-        )
-
-    def _places(self, fixed: Any) -> list[tuple[str, str]]:
-        """Names of unknowns in this table, with their keys."""
-        names = [(f"points.{k}", x) for k, x in self.points.items() if isinstance(x, str)]
-        held = fixed if isinstance(fixed, tuple) else ()
-        return [
-            *((where, name) for where, name in names if place_of(name)),
-            *(("fixed", name) for name in held if isinstance(name, str)),
-        ]
-
-    def _pairs(self, rows: FloatArray) -> FloatArray:
-        """Rows of a contact with degrees of freedom that count from 0, and in SI units."""
-        pairs = np.atleast_2d(rows).copy()
-        pairs[:, :6] -= self.first
-        return self._in_si(pairs)
-
-    def _in_si(self, pairs: FloatArray) -> FloatArray:
-        """Rows of a contact with area and gap in m2 and m."""
-        length = SYSTEMS[self.units][0]
+    def _pairs(self, name: str, unknowns: NamedUnknowns | NumberedUnknowns) -> FloatArray:
+        """Rows of a contact with degrees of freedom that count from 0, in m² and m."""
+        where, length = f"contact.{name}", SYSTEMS[self.units][0]
+        pairs = unknowns.pairs(where, np.atleast_2d(as_dense(self._arrays[where])))
         pairs[:, 9:10] *= length**2
         pairs[:, 10:11] *= length
         return pairs
-
-    def _point(self, name: str, n: int) -> FloatArray:
-        """Weights of a point, shape (n,)."""
-        value = self._arrays.get(f"points.{name}", self.points[name])
-        if not isinstance(value, int):
-            value = as_dense(value)
-            value = value.ravel() if value.size == n else value
-        return vector_of(value, n, f"points.{name}", self.first)
-
-    # Unknowns by node and direction
-
-    def _named(self, arrays: Mapping[str, Any], named: NamedUnknowns) -> _OfModel:
-        """Contacts, points and supports of matrices whose unknowns have nodes and directions."""
-        if self.first:
-            raise InputError(
-                "first: found 1, but the files name their unknowns by node and direction; leave it "
-                "out"
-            )
-        fixed = arrays.get("fixed", self.fixed)
-        contacts = {
-            k: self._in_si(named.pairs(f"contact.{k}", as_dense(arrays[f"contact.{k}"])))
-            for k in self.contact
-        }
-        points = {
-            k: named.weights(f"points.{k}", arrays.get(f"points.{k}", value))
-            for k, value in self.points.items()
-        }
-        return contacts, points, named.held(fixed)
-
-
-#: Contacts, points and supports of a `MatrixModel`.
-_OfModel: TypeAlias = tuple[dict[str, FloatArray], dict[str, FloatArray], IntArray]
 
 
 def _with_file(problem: str, files: Mapping[str, str]) -> str:

@@ -7,6 +7,7 @@ into a sentence. The JSON schema of the tables tells which keys a table has and 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from enum import StrEnum
 from functools import cache
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from skfem_joint.ground.errors import closest, listed
+from skfem_joint.ground.errors import InputError, closest, listed
 from skfem_joint.ground.key_paths import Location, key_parts, key_path
 
 #: Part of the JSON schema that pydantic makes of the tables.
@@ -46,6 +47,16 @@ def mistake(text: str, key: str = "") -> PydanticCustomError:
         Key below the table or value whose validator raises.
     """
     return PydanticCustomError("scene", "{text}", {"text": text, "key": key})
+
+
+@contextmanager
+def of_key(key: str = "", before: str = "") -> Iterator[None]:
+    """Raise the problems of an InputError as a `mistake`, without what stands before each."""
+    try:
+        yield
+    except InputError as error:
+        lines = [problem.removeprefix(before) for problem in error.problems]
+        raise mistake("\n".join(lines), key) from error
 
 
 def value_text(value: object) -> str:

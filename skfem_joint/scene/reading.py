@@ -137,6 +137,8 @@ def scene_from(
     InputError
         As `load_scene`.
     """
+    check_kind("tables", tables, Mapping)
+    check_kind("mesh", mesh, NamedMesh | None)
     path = Path(path)
     if mesh is not None and "mesh" not in tables:
         tables = {**tables, "mesh": {"file": mesh.path or "mesh"}}

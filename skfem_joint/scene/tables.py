@@ -25,26 +25,27 @@ from pydantic import (
 
 from skfem_joint.ground import loads
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.power_density import PowerDensity
 from skfem_joint.ground.text_tables import read_table
 from skfem_joint.runs.resolution import PER_PERIOD
-from skfem_joint.scene.messages import Form, mistake
+from skfem_joint.scene.messages import Form, mistake, of_key
 from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.values import (
     LARGEST_COUNT,
-    Auto,
     Count,
     CountOrZero,
     Direction,
     FileName,
+    FileNames,
     Names,
     NotNegative,
     Number,
+    NumberOrAuto,
     PoissonRatio,
     Positive,
     SceneTable,
     TomlList,
+    beside_scene,
     by_form,
     has_no_repeats,
     key,
@@ -72,11 +73,7 @@ def _is_no_truth_value(value: object) -> object:
 class MeshTable(SceneTable):
     """``[mesh]``: the files of the mesh."""
 
-    file: Annotated[
-        Annotated[FileName, Tag(Form.WORD)]
-        | Annotated[TomlList[FileName], Field(min_length=1), Tag(Form.LIST)],
-        by_form(Form.LIST, otherwise=Form.WORD),
-    ] = key(
+    file: FileNames = key(
         "name of the mesh file, relative to the scene, or a list of files of several bodies; Gmsh "
         ".msh of format 2.2 or 4.1, ASCII or binary, .inp of Abaqus or CalculiX, .med of Salome, "
         "or bulk data of Nastran (.bdf, .nas, .dat)"
@@ -311,12 +308,9 @@ class TableLoad(_Load):
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:
-        folder: Path = (info.context or {}).get("folder", Path())
-        try:
-            quantity = self.quantity if self.base is None else "acceleration"
-            self._table = read_table(folder / self.file, quantity)
-        except InputError as error:
-            raise mistake("\n".join(error.problems), "file") from error
+        quantity = self.quantity if self.base is None else "acceleration"
+        with of_key("file"):
+            self._table = read_table(beside_scene(self.file, info), quantity)
         return self
 
     def to_amplitude(self) -> loads.Table:
@@ -425,21 +419,19 @@ class ReductionTable(SceneTable):
         "the scaled modes of the paper's joint",
         "static",
     )
-    modes: Annotated[Auto | Annotated[Count, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
+    modes: NumberOrAuto[Count] = key(
         "number of joint modes; 'auto' is 12, of a backbone 24, 5 with reference = 'paper', and "
         "with range as many as its accuracy takes",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )
-    interface_modes: Annotated[
-        Auto | Annotated[CountOrZero, Tag(Form.NUMBER)], by_form(Form.WORD)
-    ] = key(
+    interface_modes: NumberOrAuto[CountOrZero] = key(
         "number of fixed-interface modes beside them; 'auto' chooses by their share in the "
         "response, and takes none with reference = 'self'",
         "auto",
         allowed="'auto' or a whole number >= 0",
     )
-    beta: Annotated[Auto | Annotated[Positive, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
+    beta: NumberOrAuto[Positive] = key(
         "steepness of the arctan law, s/m; 'auto' chooses by the error of the modes",
         "auto",
         allowed="'auto' or a steepness in s/m > 0",
@@ -515,11 +507,7 @@ class AccuracyTable(SceneTable):
 class RandomTable(SceneTable):
     """``[random]``: a load by its power spectral density."""
 
-    psd: Annotated[
-        Annotated[FileName, Tag(Form.WORD)]
-        | Annotated[TomlList[FileName], Field(min_length=1), Tag(Form.LIST)],
-        by_form(Form.LIST, otherwise=Form.WORD),
-    ] = key(
+    psd: FileNames = key(
         "name of a CSV file, relative to the scene: frequency in Hz, density of one side in "
         "N²/Hz (Pa²/Hz of a traction or pressure), or (m/s²)²/Hz of a base; or a list with one "
         "for each load, which then act without correlation"
@@ -541,13 +529,9 @@ class RandomTable(SceneTable):
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:
-        folder: Path = (info.context or {}).get("folder", Path())
-        self._densities = []
-        for name in (self.psd,) if isinstance(self.psd, str) else self.psd:
-            try:
-                self._densities.append(PowerDensity.of(folder / name, self.unit))
-            except InputError as error:
-                raise mistake("\n".join(error.problems), "psd") from error
+        names = (self.psd,) if isinstance(self.psd, str) else self.psd
+        with of_key("psd"):
+            self._densities = [PowerDensity.of(beside_scene(x, info), self.unit) for x in names]
         return self
 
     @property

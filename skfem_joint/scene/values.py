@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from inspect import cleandoc
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+)
 
 from skfem_joint.scene.messages import Form, mistake, value_text
 
@@ -52,6 +61,12 @@ def key(meaning: str, default: Any = ..., *, allowed: str = "", **limits: Any) -
     """
     extra: Any = {"allowed": allowed} if allowed else None
     return Field(default, description=meaning, json_schema_extra=extra, **limits)
+
+
+def beside_scene(name: str, info: ValidationInfo) -> Path:
+    """File whose name a table gives, relative to the folder of the scene."""
+    folder: Path = (info.context or {}).get("folder", Path())
+    return folder / name
 
 
 def by_form(*forms: Form, otherwise: Form = Form.NUMBER) -> Discriminator:
@@ -143,9 +158,19 @@ PoissonRatio = Annotated[float, Field(gt=-1, lt=0.5)]
 Count = Annotated[int, Field(ge=1, le=LARGEST_COUNT)]
 CountOrZero = Annotated[int, Field(ge=0, le=LARGEST_COUNT)]
 FileName = Annotated[str, AfterValidator(_is_file_name)]
-Auto = Annotated[Literal["auto"], Tag(Form.WORD)]
 #: A list of TOML becomes a tuple. Its entries are not converted.
 TomlList = Annotated[tuple[T, ...], Field(strict=False)]
+#: A file, or several.
+FileNames = Annotated[
+    Annotated[FileName, Tag(Form.WORD)]
+    | Annotated[TomlList[FileName], Field(min_length=1), Tag(Form.LIST)],
+    by_form(Form.LIST, otherwise=Form.WORD),
+]
+#: A number, or the word that leaves it to the program.
+NumberOrAuto = Annotated[
+    Annotated[Literal["auto"], Tag(Form.WORD)] | Annotated[T, Tag(Form.NUMBER)],
+    by_form(Form.WORD),
+]
 Names = Annotated[TomlList[str], AfterValidator(_are_few), AfterValidator(has_no_repeats)]
 #: Two or three numbers.
 Coordinates = Annotated[TomlList[Number], AfterValidator(_has_coordinates)]

@@ -10,6 +10,7 @@ import resource
 import shutil
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -58,14 +59,6 @@ def lines_of(content: bytes, columns: int) -> dict[tuple[float, ...], float]:
     return entries
 
 
-def five(content: bytes) -> dict[tuple[float, ...], float]:
-    return lines_of(content, 5)
-
-
-def three(content: bytes) -> dict[tuple[float, ...], float]:
-    return lines_of(content, 3)
-
-
 def columns_of(content: bytes, free: bool) -> dict[tuple[float, ...], float]:
     """Entries of DMIG columns as the writer of the tests sets them."""
     entries = {}
@@ -82,14 +75,6 @@ def columns_of(content: bytes, free: bool) -> dict[tuple[float, ...], float]:
     return entries
 
 
-def fixed_columns(content: bytes) -> dict[tuple[float, ...], float]:
-    return columns_of(content, free=False)
-
-
-def free_columns(content: bytes) -> dict[tuple[float, ...], float]:
-    return columns_of(content, free=True)
-
-
 def write_op4(path: Path, K: np.ndarray, binary: bool) -> None:
     library = pytest.importorskip("pyyeti.nastran.op4")
     library.write(str(path), {"KAA": sparse.coo_matrix(K)}, binary=binary, sparse="bigmat")
@@ -101,23 +86,23 @@ def whole(path: Path, kind: str) -> Plain | None:
     match kind:
         case "Abaqus rows":
             abaqus_rows(path, K, labels, "lower")
-            return five
+            return partial(lines_of, columns=5)
         case "Abaqus rows, whole":
             abaqus_rows(path, K, labels, "whole")
         case "coordinates":
             coordinates(path, np.tril(K))
-            return three
+            return partial(lines_of, columns=3)
         case "CalculiX":
             shutil.copy(HERE / "lap.sti", path)
-            return three
+            return partial(lines_of, columns=3)
         case "substructure":
             substructure(path, {"STIFFNESS": K, "MASS": M}, labels)
         case "DMIG":
             dmig(path, {"KAA": K}, labels)
-            return fixed_columns
+            return partial(columns_of, free=False)
         case "DMIG, free":
             dmig(path, {"KAA": K}, labels, free=True)
-            return free_columns
+            return partial(columns_of, free=True)
         case "ANSYS":
             examples = pytest.importorskip("ansys.mapdl.reader.examples", exc_type=ImportError)
             shutil.copy(examples.fullfile, path)

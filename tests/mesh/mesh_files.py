@@ -1,7 +1,5 @@
 """Meshes and Gmsh files for the tests of meshes."""
 
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,10 @@ import skfem_joint as sj
 MESHES = Path(__file__).parents[2] / "meshes"
 #: Gmsh type, physical tag, node tags.
 Cells = Sequence[tuple[int, int, Sequence[int]]]
+#: Three lines on x.
+BAR = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
+BAR_NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
+LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
 #: Kind and order of the elements.
 KINDS: list[tuple[Any, int]] = [
     ("line", 1),
@@ -73,17 +75,6 @@ PRISM = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 
 EDGES = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)]
 PRISM_15 = np.vstack([PRISM, [PRISM[list(ends)].mean(axis=0) for ends in EDGES]])
 NASTRAN_15 = [*range(9), *range(12, 15), *range(9, 12)]
-
-
-def read_in_a_process_of_its_own(file: Path) -> str:
-    """Kind, order and volumes of a mesh that a process reads as its first one."""
-    program = (
-        "import sys, skfem_joint as sj; m = sj.load_meshes(sys.argv[1]); "
-        "print(m.kind, m.order, {k: m.n_elements for k in m.regions}, *m.notes)"
-    )
-    command = [sys.executable, "-c", program, str(file)]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False)
-    return ran.stdout + ran.stderr
 
 
 def saved(folder: Path, text: str | bytes, name: str = "mesh.msh") -> Path:

@@ -10,7 +10,7 @@ from mesh_files import assert_same, boundary_sizes, region_sizes, saved, sizes
 from mixed_meshes import mixed_box, mixed_plate, shaken
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import build_box, load_meshes, merged, named, refined, write_mesh
+from skfem_joint.mesh import build_box, load_meshes, merged, named, write_mesh
 from skfem_joint.mesh.cells import CELLS, corner_count
 from skfem_joint.mesh.collapsed import dofs_of, joined
 from skfem_joint.mesh.named import from_parts
@@ -165,20 +165,6 @@ def test_written_and_read_it_is_the_same_mesh(what, order, tmp_path):
         count = [[part.elements.size for part in each.parts] for each in (each, mesh)]
         assert count[0] == count[1]
     assert_same(third, again)
-
-
-@pytest.mark.parametrize(("what", "order"), BOTH)
-def test_refined_it_has_the_same_sizes_and_names(what, order):
-    mesh = shaken(MESHES[what](order=order), inside=True)
-    fine = refined(mesh)
-    parts = 2**mesh.dim
-    assert (fine.n_elements, fine.order) == (parts * mesh.n_elements, order)
-    np.testing.assert_allclose(sizes(fine).reshape(-1, parts).sum(axis=1), sizes(mesh), rtol=1e-12)
-    assert np.all(sizes(fine) > 0.0)
-    assert not fine.body.any()
-    assert region_sizes(fine) == pytest.approx(region_sizes(mesh), rel=1e-12)
-    assert sides(fine)[1].sum() == sides(mesh)[1].sum() * parts // 2
-    assert boundary_sizes(fine) == pytest.approx(boundary_sizes(mesh), rel=1e-12)
 
 
 @pytest.mark.parametrize("surfaces", [True, False], ids=["surfaces", "sets of nodes"])

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from inp_files import TYPES, WAYS, Writer, deck_of, mesh_of
 from mesh_files import (
+    BAR,
+    BAR_NAMES,
     KINDS,
-    Cells,
+    LINES,
     assert_same,
     msh22,
     read_or_refusal,
@@ -29,10 +31,7 @@ from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, write_mesh
 TOKENS = ("nan", "inf", "-1", "0", "1", "2", "15", "1e400", "1e99", "1e308", "4294967295",
           "4294967296", "9223372036854775807", "18446744073709551616", "0.1", "0.25", "x",
           "$EndNodes", "$Nodes", "", "1e-320", "-0.0", "3")  # fmt: skip
-NODES = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
-NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
-LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
-GOOD = msh22(NODES, LINES, NAMES)
+GOOD = msh22(BAR, LINES, BAR_NAMES)
 SMALL = build_bar([("joint", 0.1, 2), ("linear", 0.5, 2)], {"fixed": 0.0})
 
 

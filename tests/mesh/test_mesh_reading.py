@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 import skfem
 from mesh_files import (
+    BAR,
+    BAR_NAMES,
     FLAT_AND_SOLID,
     KINDS,
+    LINES,
     MESHES,
     Cells,
     assert_same,
@@ -26,10 +29,6 @@ from mesh_files import (
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, load_meshes, merged, named, write_mesh
 
-# Three lines on x.
-BAR = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
-BAR_NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
-LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
 # Two squares side by side, 1 m x 1 m each: nodes 1 2 3 below, 4 5 6 above.
 PLATE = [(float(x), float(y), 0.0) for y in range(2) for x in range(3)]
 PLATE_NAMES = '0 5 "corner"\n1 3 "left"\n1 4 "inside"\n2 1 "joint"\n2 2 "linear"\n'
@@ -220,9 +219,12 @@ def test_round_off_in_a_shared_coordinate_does_not_turn_the_bar_round(tmp_path):
 
 
 def test_several_nodes_of_a_bar_in_one_group_are_a_boundary(tmp_path):
-    bar = loaded(tmp_path, BAR, [*LINES, (15, 3, [3])])
+    """Also inner ones, which scikit-fem loses in files of format 2.2."""
+    cells: Cells = [*LINES, (15, 3, [3]), (15, 6, [2])]
+    bar = loaded(tmp_path, BAR, cells, BAR_NAMES + '0 6 "junction"\n')
+    assert "junction" not in skfem.Mesh.load(tmp_path / "mesh.msh").boundaries
     np.testing.assert_array_equal(bar.boundaries["fixed"], [0, 2])
-    assert bar.points == {"free_end": 3}
+    assert bar.points == {"free_end": 3, "junction": 1}
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
@@ -311,12 +313,6 @@ def test_what_files_hold_besides_and_twice_does_not_matter(tmp_path, nodes, cell
     else:
         assert skfem.Mesh.load(tmp_path / "mesh.msh").nelements == 6  # what is repaired here
         assert tip_compliance(mesh) == pytest.approx(0.6, rel=1e-12)
-
-
-def test_interior_point_groups_of_format_22_are_kept(tmp_path):
-    bar = loaded(tmp_path, BAR, [*LINES, (15, 6, [2])], BAR_NAMES + '0 6 "junction"\n')
-    assert "junction" not in skfem.Mesh.load(tmp_path / "mesh.msh").boundaries  # repaired here
-    assert bar.points == {"fixed": 0, "free_end": 3, "junction": 1}
 
 
 def test_named_lines_in_a_solid_are_left_out_with_a_note(tmp_path):

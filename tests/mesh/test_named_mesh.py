@@ -15,6 +15,7 @@ from mesh_files import (
     sizes,
     strip,
 )
+from mixed_meshes import mixed_box, mixed_plate, shaken
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, merged, named, refined
@@ -257,10 +258,18 @@ def test_parallel_bars_are_measured_along_the_first():
         merged([first, third])
 
 
-@pytest.mark.parametrize(("kind", "order"), KINDS)
+MIXED = {"quadrilateral and triangle": mixed_plate, "hexahedron and prism": mixed_box}
+
+
+@pytest.mark.parametrize(
+    ("kind", "order"), [*KINDS, *((mix, order) for mix in MIXED for order in (1, 2))]
+)
 def test_refined_mesh_has_every_element_split_and_the_same_names(kind, order):
-    mesh = merged([strip(kind, order), renamed(strip(kind, order), "lower ")])
-    if mesh.dim > 1:
+    if kind in MIXED:
+        mesh = shaken(MIXED[kind](order=order), inside=True)
+    else:
+        mesh = merged([strip(kind, order), renamed(strip(kind, order), "lower ")])
+    if mesh.dim > 1 and kind not in MIXED:
         inner = np.flatnonzero(mesh.mesh.f2t[1] >= 0)[::5]
         plain = mesh.mesh.with_boundaries({"cut": inner})
         mesh = named(plain, points=mesh.points, order=order)

@@ -252,7 +252,7 @@ class _Groups:
             return self._of_set("NSET", surface.nodes.members())
         parts = list[IntArray]()
         for label, own, line in surface.faces:
-            elements = own.members()
+            elements = np.unique(own())
             labels = self.sides.labels(elements) if elements.size else [label]
             if label and label not in labels:
                 surface.card.refuse(

@@ -6,7 +6,7 @@ elements count within it. Sets keep what their cards list until all nodes and el
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,95 +19,20 @@ from skfem_joint.mesh.decks.elements import ElementForm, form_of_type
 
 #: Largest coordinate.
 FARTHEST = 1e20
+#: Finds members of a set among all nodes or elements, when all are placed.
+_Part = Callable[[], IntArray]
 #: What the members of sets are called.
 _MEMBER = {"NSET": "node", "ELSET": "element"}
 
 
-@dataclass(frozen=True)
-class Listed:
-    """Members of a set as a card lists them.
-
-    Attributes
-    ----------
-    scope : Scope
-        Where their numbers count.
-    kind : str
-        NSET or ELSET.
-    card, line : Card, int
-        Where they are listed; lines are known of single members only.
-    numbers : ndarray of int
-        Numbers of the members.
-    range : bool
-        Whether ``numbers`` are first, last and increment. Numbers that nothing has are left out
-        of a range.
-    """
-
-    scope: Scope
-    kind: str
-    card: Card
-    line: int | None
-    numbers: IntArray
-    range: bool = False
-
-    def members(self) -> IntArray:
-        """Places of the members among all nodes or elements."""
-        numbering = self.scope.numbering[self.kind]
-        if self.range:
-            return numbering.between(*self.numbers.tolist())
-        places = numbering.places(self.numbers)
-        if (places < 0).any():
-            number = self.numbers[np.argmin(places)]
-            of = f" of instance {self.scope.name!r}" if self.scope.name else ""
-            self.card.refuse(
-                f"{_MEMBER[self.kind]} {number} is not in the file{of}: name only what is there",
-                self.line or _line_with(self.card, int(number)),
-            )
-        return places
-
-
-@dataclass(frozen=True)
-class NodesOf:
-    """Nodes of the elements of a set, as parts of a set of nodes."""
-
-    elements: NameSet
-    nodes_of: Callable[[IntArray], IntArray]
-
-    def members(self) -> IntArray:
-        """Places of the members among all nodes."""
-        return np.unique(self.nodes_of(self.elements.members()))
-
-
-@dataclass(frozen=True)
-class Below:
-    """Set that a card lists and that stands further below."""
-
-    scope: Scope
-    kind: str
-    word: str
-    card: Card
-    line: int
-
-    def members(self) -> IntArray:
-        """Places of the members among all nodes or elements."""
-        known = self.scope.named(self.kind, self.word)
-        if known is None:
-            there = [each.name for each in self.scope.sets[self.kind].values()]
-            self.card.refuse(
-                f"found {bare(self.word)[:40]!r}, must be a number or a set of the file: "
-                f"{listed(there)}{closest(self.word.upper(), there)}",
-                self.line,
-            )
-        return known.members()
-
-
 @dataclass
 class NameSet:
-    """A set: its name as first written, and what cards list in it."""
+    """A set: its name as first written, and what finds the members that cards list in it."""
 
     name: str
     card: Card
     internal: bool = False
-    parts: list[Listed | NodesOf | Below | NameSet] = field(default_factory=list)
+    parts: list[_Part] = field(default_factory=list)
     used: int | None = None  # line of a card that has listed it
     found: IntArray | None = None
 
@@ -116,7 +41,7 @@ class NameSet:
         if self.found is None:
             none = np.zeros(0, np.intp)
             try:
-                every = np.concatenate([none, *(part.members() for part in self.parts)])
+                every = np.concatenate([none, *(part() for part in self.parts)])
             except RecursionError:
                 self.card.refuse(
                     f"set {self.name!r} lists itself, or sets stand inside each other too often: "
@@ -128,13 +53,13 @@ class NameSet:
 
 @dataclass
 class Surface:
-    """A surface: faces of sets of elements, each with a label and a line; or a set of nodes."""
+    """A surface: faces of elements, each with a label and a line; or a set of nodes."""
 
     name: str
     card: Card
     internal: bool
     nodes: NameSet | None = None
-    faces: list[tuple[str, NameSet, int]] = field(default_factory=list)
+    faces: list[tuple[str, _Part, int]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -220,7 +145,7 @@ class Scope:
         block = _Block(card, _whole(card, values[starts], rows), rows, places)
         self._nodes.append(block)
         if "NSET" in card.options:
-            self._named("NSET", card).parts.append(Listed(self, "NSET", card, None, block.numbers))
+            self._named("NSET", card).parts.append(self._listed("NSET", card, block.numbers))
 
     def _read_elements(self, card: Card) -> None:
         kind = card.options.get("TYPE", "").upper()
@@ -248,15 +173,14 @@ class Scope:
         self.kinds.setdefault(kind, card)
         self._elements.append(block)
         if "ELSET" in card.options:
-            self._named("ELSET", card).parts.append(
-                Listed(self, "ELSET", card, None, block.numbers)
-            )
+            self._named("ELSET", card).parts.append(self._listed("ELSET", card, block.numbers))
 
-    def _named(self, kind: str, card: Card, option: str = "") -> NameSet:
+    def _named(self, kind: str, card: Card) -> NameSet:
         """Set that a card names, which is made if it is new."""
-        name = card.name(option or kind)
+        name = card.name(kind)
         known = self.sets[kind].setdefault(name.upper(), NameSet(name, card, True))
-        self._check_case(known.name, name, card, option or kind)
+        if known.name != name and '"' in card.options[kind]:  # which may be another name
+            card.refuse(f"name {name!r} differs from {known.name!r} in capitals alone: change one")
         known.internal &= "INTERNAL" in card.options
         if known.used is not None:
             card.refuse(
@@ -265,18 +189,12 @@ class Scope:
             )
         return known
 
-    @staticmethod
-    def _check_case(known: str, name: str, card: Card, option: str) -> None:
-        """Refuse a name in quotes that differs in capitals alone, which may be another name."""
-        if known != name and '"' in card.options[option]:
-            card.refuse(f"name {name!r} differs from {known!r} in capitals alone: change one")
-
     def _read_set(self, kind: str, card: Card) -> None:
         scope, known = self._scope_of(card), self._named(kind, card)
         before = len(known.parts)
         if kind == "NSET" and "ELSET" in card.options:
             of = scope._found("ELSET", card.name("ELSET"), card, card.line)
-            known.parts.append(NodesOf(of, self._nodes_of))
+            known.parts.append(lambda: np.unique(self._nodes_of(of())))
             if card.body.strip():
                 card.refuse("has members beside ELSET: write them in a card of their own")
         elif "GENERATE" in card.options:
@@ -285,15 +203,15 @@ class Scope:
             numbers = card.numbers
             lines = np.repeat(np.arange(numbers.counts.size), numbers.counts)
             own = _whole(card, numbers.values, lines)
-            known.parts += [Listed(scope, kind, card, None, own)] if own.size else []
+            known.parts += [scope._listed(kind, card, own)] if own.size else []
         else:
             for line, words in card.rows():
                 for word in words:
-                    known.parts += scope._members(kind, word, card, line)
+                    known.parts.append(scope._member(kind, word, card, line))
         if len(known.parts) == before:
             card.refuse("has no members: take it out, or is the file cut?")
 
-    def _range(self, kind: str, card: Card, line: int, words: list[str]) -> Listed:
+    def _range(self, kind: str, card: Card, line: int, words: list[str]) -> _Part:
         """Members that a line gives by first, last and, if it is not 1, increment."""
         if not (1 < len(words) < 4 and all(word.isdecimal() for word in words)):
             card.refuse("a line of GENERATE has first, last and increment, such as 5, 12, 1", line)
@@ -304,28 +222,56 @@ class Scope:
                 "must lead from one to the other",
                 line,
             )
-        return Listed(self, kind, card, line, np.array([first, last, step]), range=True)
+        return lambda: self.numbering[kind].between(first, last, step)
 
-    def _members(self, kind: str, word: str, card: Card, line: int) -> Iterable[Listed | NameSet]:
-        """Parts that a word of a set's card stands for: a number or the name of a set."""
-        word = bare(word)
-        for name, scope in self.others.items():
-            number = word[len(name) + 1 :]
-            if word.upper().startswith(f"{name}.") and number.isdecimal():
-                return [Listed(scope, kind, card, line, np.array([_single(number, card, line)]))]
-        if word.isdecimal():
-            return [Listed(self, kind, card, line, np.array([_single(word, card, line)]))]
-        return [self._found(kind, word, card, line)]
+    def _listed(self, kind: str, card: Card, numbers: IntArray, line: int | None = None) -> _Part:
+        """Members with the numbers that a card lists, of which the line is known of single ones."""
 
-    def _found(self, kind: str, word: str, card: Card, line: int) -> NameSet:
-        """Set with a name, which may stand further below."""
-        known = self.named(kind, word)
-        if known is None:
-            return NameSet(bare(word), card, parts=[Below(self, kind, word, card, line)])
-        known.used = known.used or line
-        return known
+        def members() -> IntArray:
+            places = self.numbering[kind].places(numbers)
+            if (places < 0).any():
+                number = numbers[np.argmin(places)]
+                of = f" of instance {self.name!r}" if self.name else ""
+                card.refuse(
+                    f"{_MEMBER[kind]} {number} is not in the file{of}: name only what is there",
+                    line or _line_with(card, int(number)),
+                )
+            return places
 
-    def named(self, kind: str, word: str) -> NameSet | None:
+        return members
+
+    def _member(self, kind: str, word: str, card: Card, line: int) -> _Part:
+        """What a word of a set's card stands for: a number or the name of a set."""
+        word, scope, number = bare(word), self, bare(word)
+        for name, other in self.others.items():
+            rest = word[len(name) + 1 :]
+            if word.upper().startswith(f"{name}.") and rest.isdecimal():
+                scope, number = other, rest
+        if number.isdecimal():
+            return scope._listed(kind, card, np.array([_single(number, card, line)]), line)
+        return self._found(kind, word, card, line)
+
+    def _found(self, kind: str, word: str, card: Card, line: int) -> _Part:
+        """Members of the set with a name, which may stand further below."""
+        known = self._named_above(kind, word)
+        if known is not None:
+            known.used = known.used or line
+            return known.members
+
+        def members() -> IntArray:
+            below = self._named_above(kind, word)
+            if below is None:
+                there = [each.name for each in self.sets[kind].values()]
+                card.refuse(
+                    f"found {bare(word)[:40]!r}, must be a number or a set of the file: "
+                    f"{listed(there)}{closest(word.upper(), there)}",
+                    line,
+                )
+            return below.members()
+
+        return members
+
+    def _named_above(self, kind: str, word: str) -> NameSet | None:
         """Set with a name, of this scope or, after a dot, of an instance, if it stands above."""
         name = bare(word).upper()
         known = self.sets[kind].get(name)
@@ -365,18 +311,17 @@ class Scope:
                 )
             if kind == "NODE":
                 made.nodes = made.nodes or NameSet(name, card)
-                made.nodes.parts += self._members("NSET", words[0], card, line)
+                made.nodes.parts.append(self._member("NSET", words[0], card, line))
                 continue
             label = words[1].upper() if len(words) > 1 else ""
             if words[0].isdecimal():
                 singles.setdefault(label, []).append((_single(words[0], card, line), line))
             else:
-                own = NameSet(name, card, parts=[*self._members("ELSET", words[0], card, line)])
-                made.faces.append((label, own, line))
+                made.faces.append((label, self._member("ELSET", words[0], card, line), line))
         for label, own_lines in singles.items():
             numbers = np.array(own_lines, dtype=np.intp)
-            part = Listed(self, "ELSET", card, None, numbers[:, 0])
-            made.faces.append((label, NameSet(name, card, parts=[part]), int(numbers[0, 1])))
+            part = self._listed("ELSET", card, numbers[:, 0])
+            made.faces.append((label, part, int(numbers[0, 1])))
         if made.nodes is None and not made.faces:
             card.refuse("has no members: take it out, or is the file cut?")
 

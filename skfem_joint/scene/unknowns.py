@@ -1,7 +1,8 @@
-"""Tables of a scene that give unknowns of matrices by node and direction."""
+"""Tables of a scene that give unknowns of matrices by number, or by node and direction."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,53 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import InputError, first_of, refuse
 from skfem_joint.matrix_files.labels import LARGEST_NODE, RowsByName, place_of
+from skfem_joint.system.system import vector_of
+from skfem_joint.system.unknowns import dof_numbers
 
 #: Columns of a contact whose unknowns have names: nodes of a pair, normal, area, and gap if given.
 _COLUMNS = 7
+
+
+class NumberedUnknowns:
+    """Tables of a scene that give unknowns by their numbers.
+
+    Parameters
+    ----------
+    n : int
+        Number of unknowns.
+    first : int
+        Number of the first one.
+    values : mapping
+        What is given, by its key; InputError for names of unknowns in it.
+    """
+
+    def __init__(self, n: int, first: int, values: Mapping[str, Any]) -> None:
+        self.n, self.first = n, first
+        refuse(
+            f"{where}: found {name!r}, but the files do not name their unknowns; give their "
+            "numbers, or their names by matrices.unknowns"
+            for where, value in values.items()
+            for name in (value if isinstance(value, tuple) else (value,))
+            if isinstance(name, str)
+        )
+
+    def pairs(self, where: str, rows: FloatArray) -> FloatArray:
+        """Rows of a contact, whose numbers count from 0 then."""
+        del where  # what is wrong with numbers the model says
+        pairs = rows.copy()
+        pairs[:, :6] -= self.first
+        return pairs
+
+    def weights(self, where: str, value: Any) -> FloatArray:
+        """Weights of a point, (n,), from a number or from a vector."""
+        if not isinstance(value, int):
+            value = as_dense(value)
+            value = value.ravel() if value.size == self.n else value
+        return vector_of(value, self.n, where, self.first)
+
+    def held(self, value: Any) -> IntArray:
+        """Numbers of supported unknowns."""
+        return dof_numbers(as_dense(value), self.n, "fixed", self.first)
 
 
 class NamedUnknowns:
@@ -21,14 +66,20 @@ class NamedUnknowns:
     ----------
     labels : ndarray of int, shape (n, 2)
         Node and direction of each unknown.
+    first : int
+        Number of the first one of the scene, which must be 0.
     """
 
-    def __init__(self, labels: IntArray) -> None:
+    def __init__(self, labels: IntArray, first: int = 0) -> None:
+        if first:
+            raise InputError(
+                "first: found 1, but the files name their unknowns by node and direction; leave it "
+                "out"
+            )
         self.n, self.places = len(labels), RowsByName(labels)
 
     def pairs(self, where: str, rows: FloatArray) -> FloatArray:
         """Rows of a contact with degrees of freedom, from its rows with nodes."""
-        rows = np.atleast_2d(rows)
         if rows.ndim != 2 or rows.shape[1] not in (_COLUMNS - 1, _COLUMNS):
             raise InputError(
                 f"{where}: found shape {rows.shape}, must have {_COLUMNS - 1} columns, since "
