@@ -21,7 +21,7 @@ from math import hypot, inf
 from typing import Any, NamedTuple
 
 from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside
-from skfem_joint.linalg.kernels import subtract_column
+from skfem_joint.linalg.kernels import largest_entry, subtract_column
 from skfem_joint.minimise.law import add_tangent, sprung_force, sprung_resolvent, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
 
@@ -300,15 +300,7 @@ def subtract_forces(contact, v, r, p, friction, held):
         i = pressing.place[c]
         held[i] = pressing.stiffness[c] == inf and v[i] >= pressing.bound[c] and r[i] >= 0.0
         r[i] -= p[c]
-    largest = 0.0
-    where = 0
-    for i in range(r.size):
-        if not abs(r[i]) <= largest:
-            largest = abs(r[i])
-            where = i
-            if largest != largest:
-                break
-    return largest, where
+    return largest_entry(r)
 
 
 @compiled

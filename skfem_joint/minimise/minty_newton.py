@@ -22,7 +22,7 @@ from math import copysign, inf
 import numpy as np
 
 from skfem_joint.ground.compiling import compiled, compiled_inside
-from skfem_joint.linalg.kernels import largest_of
+from skfem_joint.linalg.kernels import largest_entry, largest_of
 from skfem_joint.minimise.law import (
     COULOMB,
     FREE,
@@ -54,21 +54,14 @@ _ABOVE_ONE = float(np.nextafter(1.0, 2.0))
 @compiled_inside
 def _residual(H0, H1, w, g, v, sigma, r):
     """Residual r = H v + w sigma - g; its largest entry and that entry's row."""
-    n, last = v.size, v.size - 1
+    last = v.size - 1
     for i in range(1, last):
         r[i] = H0[i] * v[i] + w[i] * sigma[i] - g[i] + H1[i - 1] * v[i - 1] + H1[i] * v[i + 1]
     r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0]
     if last > 0:
         r[0] += H1[0] * v[1]
         r[last] = H0[last] * v[last] + w[last] * sigma[last] - g[last] + H1[last - 1] * v[last - 1]
-    largest = 0.0
-    row = 0
-    for i in range(n):
-        size = abs(r[i])
-        if not size <= largest and largest == largest:  # if not a number, it stays so
-            largest = size
-            row = i
-    return largest, row
+    return largest_entry(r)
 
 
 @compiled_inside

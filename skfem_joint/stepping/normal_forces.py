@@ -418,7 +418,7 @@ class NormalForces:
             at_rest=float((0.5 * contact.force**2 / contact.stiffness).sum()),
             bound=none, pressing=none, w=none,
             p=np.zeros(q), force=np.zeros(rows), limits=np.zeros(m),
-            new_force=np.zeros(rows), weight=np.ones(rows),
+            new_force=np.zeros(rows),
             approach=np.zeros(q), share=np.zeros(joint_points),
             slider_peak=np.zeros(slides),
             peak=none, least=none, stored_p=some, stored_limits=some,
