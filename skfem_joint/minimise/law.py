@@ -181,14 +181,6 @@ def slope(v, beta):
     return beta * slope_of(beta * v)
 
 
-@compiled
-def across(speed, beta):
-    """Stiffness across a slip vector, sigma / |v|, s/m; at rest the slope."""
-    if speed > 0.0:
-        return (1.0 if beta == inf else force_alone(beta * speed)) / speed
-    return slope(speed, beta)
-
-
 @compiled_inside
 def psi(v, beta):
     """Potential, m/s, whose derivative is `sigma`; zero at rest, |v| for Coulomb friction."""
@@ -294,7 +286,7 @@ def slider(v, beta, soft):
 @compiled_inside
 def sprung_force(v, beta, soft):
     """Normalised force; `sigma` where ``soft`` is zero."""
-    return sigma(v, beta) if soft == 0.0 else slider(v, beta, soft)[1]
+    return slider(v, beta, soft)[1]
 
 
 @compiled_inside
@@ -312,16 +304,12 @@ def sprung_slope(v, beta, soft):
 @compiled_inside
 def sprung_across(speed, beta, soft):
     """Force over the norm of a slip vector, s/m; at rest the slope."""
-    if soft == 0.0:
-        return across(speed, beta)
     return slider(speed, beta, soft)[1] / speed if speed > 0.0 else sprung_slope(0.0, beta, soft)
 
 
 @compiled_inside
 def sprung_psi(v, beta, soft):
     """Potential of `sprung_force`, m/s; `psi` where ``soft`` is zero."""
-    if soft == 0.0:
-        return psi(v, beta)
     z, force = slider(v, beta, soft)
     return psi(z, beta) + 0.5 * soft * force * force
 

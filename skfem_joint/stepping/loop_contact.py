@@ -18,22 +18,16 @@ from skfem_joint.linalg.vectors import raise_to_norms
 
 
 class Opening(NamedTuple):
-    """Elastic contact that opens.
+    """Elastic contact that opens, beside the normal part of a step problem and its limits w.
 
     Attributes
     ----------
-    N : ndarray, shape (n, q)
-        Transposed operator of approaches.
     rest : ndarray, shape (n,)
         Forces at rest on the unknowns, N.
     apart, stiffness : ndarray, shape (q,)
         Approach at which each point begins to carry, m, and its stiffness, N/m.
     at_rest : float
         Energy that the points store at rest, J.
-    bound, pressing : ndarray, shape (q,)
-        Of the step problem: velocity at which each point begins to carry, and its force, N.
-    w : ndarray, shape (rows,)
-        Of the step problem: friction limits, N.
     p, force, limits : ndarray, shape (q,), (rows,) and (m,)
         Normal forces, friction and friction limits now, N.
     new_force : ndarray, shape (rows,)
@@ -50,14 +44,10 @@ class Opening(NamedTuple):
         Rows of stored fields, the limits in the order of the system.
     """
 
-    N: Any
     rest: Any
     apart: Any
     stiffness: Any
     at_rest: Any
-    bound: Any
-    pressing: Any
-    w: Any
     p: Any
     force: Any
     limits: Any
@@ -72,31 +62,31 @@ class Opening(NamedTuple):
 
 
 @inlined
-def approach(contact, moved, u, right):
+def approach(contact, normal, moved, u, right):
     """Prepare the step problem, from the predicted displacements; ``moved`` is c_K, s."""
-    combine_rows(contact.N, u, contact.approach)
+    combine_rows(normal.N, u, contact.approach)
     for i in range(right.size):
         right[i] += contact.rest[i]
-    for c in range(contact.bound.size):
-        contact.bound[c] = (contact.apart[c] - contact.approach[c]) / moved
+    for c in range(normal.bound.size):
+        normal.bound[c] = (contact.apart[c] - contact.approach[c]) / moved
 
 
 @inlined
-def at_end(contact, sigma):
+def at_end(contact, w, sigma):
     """Take note of the friction at the end of a step, from the normalised one."""
     for i in range(sigma.size):
-        contact.new_force[i] = contact.w[i] * sigma[i]
+        contact.new_force[i] = w[i] * sigma[i]
 
 
 @inlined
-def add_normal_work(contact, change, dissipated):
+def add_normal_work(contact, normal, change, dissipated):
     """Add what the scheme takes of the work of normal forces, J, and see to their peaks.
 
     As `NormalPart.work_left` has it.
     """
-    combine_rows(contact.N, change, contact.approach)
+    combine_rows(normal.N, change, contact.approach)
     for c in range(contact.p.size):
-        new, old = contact.pressing[c], contact.p[c]
+        new, old = normal.p[c], contact.p[c]
         dissipated[1] += (
             0.5 * (old + new) * (contact.approach[c] - (new - old) / contact.stiffness[c])
         )
@@ -105,13 +95,13 @@ def add_normal_work(contact, change, dissipated):
 
 
 @inlined
-def potential(contact, u):
+def potential(contact, p, u):
     """Energy of normal forces at the displacements u, J, as `NormalPart.potential` has it."""
     energy = -contact.at_rest
     for i in range(u.size):
         energy -= contact.rest[i] * u[i]
-    for c in range(contact.pressing.size):
-        energy += contact.pressing[c] ** 2 / (2.0 * contact.stiffness[c])
+    for c in range(p.size):
+        energy += p[c] ** 2 / (2.0 * contact.stiffness[c])
     return energy
 
 
@@ -125,14 +115,14 @@ def raise_slider_peaks(contact, stretch, slip, out):
 
 
 @inlined
-def follow(contact):
+def follow(contact, p, w):
     """Take over the forces at the end of a step."""
     for c in range(contact.p.size):
-        contact.p[c] = contact.pressing[c]
+        contact.p[c] = p[c]
     for i in range(contact.force.size):
         contact.force[i] = contact.new_force[i]
     for k in range(contact.limits.size):
-        contact.limits[k] = contact.w[k]
+        contact.limits[k] = w[k]
 
 
 @inlined

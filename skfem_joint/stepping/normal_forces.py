@@ -67,7 +67,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import (
@@ -411,12 +411,10 @@ class NormalForces:
         rows, slides = places.row.size, m if self.system.contact.has_springs else 0
         none, some = np.zeros(0), np.zeros((0, 0))
         return Opening(
-            N=np.ascontiguousarray(as_dense(contact.N).T),
             rest=np.asarray(self._faces @ contact.force),
             apart=contact.gap - contact.force / contact.stiffness,
             stiffness=np.array(contact.stiffness),
             at_rest=float((0.5 * contact.force**2 / contact.stiffness).sum()),
-            bound=none, pressing=none, w=none,
             p=np.zeros(q), force=np.zeros(rows), limits=np.zeros(m),
             new_force=np.zeros(rows),
             approach=np.zeros(q), share=np.zeros(joint_points),
@@ -434,9 +432,6 @@ class NormalForces:
         none = np.full(self.normal.mean.size, np.inf)
         problem.press(problem.points.beta, None, Pressed(none, self.system.contact.given))
         return loop._replace(
-            bound=problem.normal.bound,
-            pressing=problem.normal.p,
-            w=problem.limits,
             peak=recorder.normal_force_peak,
             least=recorder.normal_force_least,
             stored_p=recorder.normal_force[recorder.field_rows :],

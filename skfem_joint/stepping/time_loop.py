@@ -276,7 +276,7 @@ def time_loop(
             for e in range(load_start[k], load_start[k + 1]):
                 right[load_column[e]] += amplitude[step, k] * load_value[e]
         if opening is not None:
-            loop_contact.approach(opening, c.c_K, u, right)
+            loop_contact.approach(opening, problem.normal, c.c_K, u, right)
         outcome = minimise_step(problem, workspace, right, v, tolerance)
         counts[0] += outcome.newton_iterations
         counts[1] += outcome.nested_solves
@@ -314,26 +314,26 @@ def time_loop(
         _add_input_work(loads, amplitude[step - 1], amplitude[step], change, moved, input_work)
         slip_moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
         if opening is not None:
-            loop_contact.at_end(opening, sigma_new)
+            loop_contact.at_end(opening, problem.contact.w, sigma_new)
         if sprung:  # sliders slip by what their springs leave
             for q in range(stretch.size):
                 slip_moved[q] -= stretch[q] * (new_force[q] - force[q])
         _add_friction_work(weight, force, new_force, slip_moved, work)
         raise_to_norms(slip_peak, slip)
         if opening is not None:
-            loop_contact.add_normal_work(opening, change, dissipated)
+            loop_contact.add_normal_work(opening, problem.normal, change, dissipated)
             loop_contact.raise_slider_peaks(opening, stretch, slip, slip_change)
         if strain_peak.size > 0:
             product(K, u, image)
             strain = 0.5 * dot(u, image)
             if opening is not None:
-                strain += loop_contact.potential(opening, u)
+                strain += loop_contact.potential(opening, problem.normal.p, u)
             for q in range(stretch.size):
                 pulled = weight[q] * new_force[q]
                 strain += 0.5 * stretch[q] * pulled * new_force[q]
             strain_peak[0] = max(strain_peak[0], strain)
         if opening is not None:
-            loop_contact.follow(opening)
+            loop_contact.follow(opening, problem.normal.p, problem.contact.w)
         for q in range(sigma.size):
             sigma[q] = sigma_new[q]
         product(observed, u, seen)

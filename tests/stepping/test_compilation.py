@@ -139,7 +139,7 @@ def test_a_first_run_compiles_few_functions_and_keeps_what_python_calls(tmp_path
             assert COMPILING.count <= most, (kind, COMPILING.count)
         files = Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*.nbi")
         kept = {file.name.partition("-")[0] for file in files}
-        assert kept == {"law._sigmas", "law.graph_parameters", "time_loop.time_loop"}, kept
+        assert kept == {"law._forces", "law.graph_parameters", "time_loop.time_loop"}, kept
     """
     assert errors_of("import os", code, NUMBA_CACHE_DIR=str(tmp_path)) == ""
 
