@@ -395,14 +395,11 @@ def coupled_tangent(A, contact, blocks, v, friction, p, slopes, free, place, J):
             x = v[i] - points.x[f]
             y = v[j] - points.y[f] if j >= 0 else 0.0
             biased = bias.size > 0 and 4.0 * w < contact.limits.cap[f]
-            if a >= 0:
-                change = _by_limit(contact, f, x, y, friction[f, 0])
-                by = 4.0 * bias[i] if biased else 0.0
-                _add_coupling(A, contact, f, a, change, by, p, slopes[f], free, place, J)
-            if b >= 0:
-                change = _by_limit(contact, f, x, y, friction[f, 1])
-                by = 4.0 * bias[j] if biased else 0.0
-                _add_coupling(A, contact, f, b, change, by, p, slopes[f], free, place, J)
+            for side, row, unknown in ((0, a, i), (1, b, j)):
+                if row >= 0:
+                    change = _by_limit(contact, f, x, y, friction[f, side])
+                    by = 4.0 * bias[unknown] if biased else 0.0
+                    _add_coupling(A, contact, f, row, change, by, p, slopes[f], free, place, J)
 
 
 @compiled

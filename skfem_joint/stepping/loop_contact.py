@@ -40,8 +40,6 @@ class Opening(NamedTuple):
         Largest slips of sliders, m; empty without springs.
     peak, least : ndarray, shape (q,)
         Largest and smallest normal forces, N.
-    stored_p, stored_limits : ndarray, shape (rows, q) and (rows, m)
-        Rows of stored fields, the limits in the order of the system.
     """
 
     rest: Any
@@ -57,8 +55,6 @@ class Opening(NamedTuple):
     slider_peak: Any
     peak: Any
     least: Any
-    stored_p: Any
-    stored_limits: Any
 
 
 @inlined
@@ -138,9 +134,9 @@ def share_now(contact, start, point, value):
 
 
 @inlined
-def store_forces(contact, row, point_place):
-    """Store a row of fields."""
+def store_forces(contact, point_place, stored_p, stored_limits):
+    """Store the normal forces, (q,), and the limits, (m,), in the order of the system."""
     for c in range(contact.p.size):
-        contact.stored_p[row, c] = contact.p[c]
+        stored_p[c] = contact.p[c]
     for j in range(point_place.size):
-        contact.stored_limits[row, j] = contact.limits[point_place[j]]
+        stored_limits[j] = contact.limits[point_place[j]]

@@ -244,8 +244,8 @@ def time_loop(
     load_start, load_column, load_value = loads
     input_work, dissipated, friction_work, peak, slip_peaks, strain_peak = sums
     joint_start, joint_point, joint_value, joint_share, joint_sliding, joint_creep = joints
-    stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
-    by_joint, joint_slip, joint_slipping = stored[6:]
+    stored_u, stored_v, stored_sigma, worked, stored_p, stored_limits = stored[:6]
+    stored_point_u, stored_point_v, by_joint, joint_slip, joint_slipping = stored[6:]
     right, image, y, change, v_mean, v_change, slip_change, slip_now = loop[:8]
     work, slip_size, force_size, slip_peak, moved, seen = loop[8:]
     v_new, sigma_new = workspace.velocity, workspace.force
@@ -367,7 +367,9 @@ def time_loop(
             for j in range(point_place.size):
                 worked[field_rows, j] = work[point_place[j]]
             if opening is not None:
-                loop_contact.store_forces(opening, field_rows, point_place)
+                loop_contact.store_forces(
+                    opening, point_place, stored_p[field_rows], stored_limits[field_rows]
+                )
             field_rows += 1
     for j in range(point_place.size):
         friction_work[j] = work[point_place[j]]

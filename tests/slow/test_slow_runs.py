@@ -150,15 +150,6 @@ def test_unloading_is_the_loading_doubled(model, per_newton):
             assert limits[k] * run.sigma[:, k] == pytest.approx(own, abs=1e-8 * limits[k])
 
 
-def test_stiffer_and_stiffer_springs_tend_to_none():
-    rigid = sj.quasi_static(lap_joint(30), cycles=1, steps_per_cycle=40)
-    apart = []
-    for stiffness in (1e8, 1e9, 1e10):
-        run = sj.quasi_static(sprung(lap_joint(30), stiffness), cycles=1, steps_per_cycle=40)
-        apart.append(abs(run.point_u - rigid.point_u).max())
-    assert np.divide(apart[:-1], apart[1:]) == pytest.approx(10.0, rel=0.05)
-
-
 @pytest.mark.parametrize(
     ("elements", "model"), [(20, "full"), (200, "full"), (20, "springs"), (20, "condensed")]
 )
