@@ -36,11 +36,11 @@ from skfem_joint.linalg.kernels import (
 from skfem_joint.minimise.dense_pressures import (
     PressureRows,
     add_pressures,
-    add_tangent_of_pressures,
     follow,
     magnitude_of_pressures,
     press,
     press_beyond,
+    renew_tangent_of_pressures,
     slope_of_pressures,
     stalls,
     watch_anew,
@@ -553,16 +553,20 @@ def _factor(problem, normal, follows, space, sigma, anew):
 
     It is symmetric unless limits follow.
     """
-    H, A, S = problem.H, space.A, space.S
-    for j in range(len(A)):
-        if follows is None:
-            for k in range(j, len(A)):
-                A[j, k] = H[j, k] + S[j, k]
-        else:
-            for k in range(len(A)):
-                A[j, k] = H[j, k] + S[min(j, k), max(j, k)]
-    add_tangent_of_pressures(problem.contact, normal, follows, space, sigma, anew)
-    return cholesky(A) if follows is None else lu(A, normal.order)
+    H, A, S, n = problem.H, space.A, space.S, len(space.A)
+    renew_tangent_of_pressures(problem.contact, normal, follows, space, sigma, anew)
+    if follows is not None:
+        for j in range(n):
+            for k in range(n):
+                A[j, k] = H[j, k] + S[min(j, k), max(j, k)] + normal.U[j, k]
+        return lu(A, normal.order)
+    for j in range(n):
+        for k in range(j, n):
+            A[j, k] = H[j, k] + S[j, k]
+        if normal is not None:
+            for k in range(j, n):
+                A[j, k] += normal.U[j, k]
+    return cholesky(A)
 
 
 @inlined

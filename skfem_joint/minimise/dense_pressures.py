@@ -313,16 +313,11 @@ def slope_of_pressures(normal, length):
 
 
 @inlined
-def add_tangent_of_pressures(contact, normal, follows, space, sigma, anew):
-    """Bring the tangent U of the normal forces up to date, and add it to the matrix A."""
-    if normal is None:
-        return
-    A, n = space.A, len(space.A)
-    count = _hold_pressures(contact, normal, space, sigma, anew, follows is not None)
-    add_product(normal.X, normal.Y, count, normal.U, follows is None)
-    for j in range(n):
-        for k in range(j if follows is None else 0, n):
-            A[j, k] += normal.U[j, k]
+def renew_tangent_of_pressures(contact, normal, follows, space, sigma, anew):
+    """Bring the tangent U of the normal forces up to date."""
+    if normal is not None:
+        count = _hold_pressures(contact, normal, space, sigma, anew, follows is not None)
+        add_product(normal.X, normal.Y, count, normal.U, follows is None)
 
 
 @inlined
