@@ -195,8 +195,9 @@ class PardisoFactor(_Pardiso):
         self._solver.perm = np.zeros(n, dtype=np.int32) if known is None else known
         _log.debug("factor of %d unknowns by PARDISO", n)
         self._call(12, np.zeros(n))
-        if known is None:
-            _ORDERS.keep(pattern, self._solver.perm)
+        _ORDERS[pattern] = self._solver.perm
+        if len(_ORDERS) > _MOST_ORDERS:
+            del _ORDERS[next(iter(_ORDERS))]  # the oldest one
 
     def __call__(self, right: FloatArray) -> FloatArray:
         """Solution for right sides of shape (n,) or (n, m)."""
@@ -234,29 +235,11 @@ class PartialFactor(_Pardiso):
         return self._call(333, x)
 
 
-class _Orders:
-    """Orders of the unknowns by which PARDISO factorised the last few patterns.
-
-    They take a fifth of the time of a factor. To find a pattern again takes a hundredth of it.
-    SuperLU takes none: to permute a matrix takes longer than to order it.
-    """
-
-    def __init__(self) -> None:
-        self._known: dict[bytes, IntArray] = {}
-
-    def get(self, pattern: bytes) -> IntArray | None:
-        """Order of a pattern, by its digest, if it is known."""
-        return self._known.get(pattern)
-
-    def keep(self, pattern: bytes, order: IntArray) -> None:
-        """Keep an order, and forget the oldest one beyond a few."""
-        self._known[pattern] = order
-        if len(self._known) > _MOST_ORDERS:
-            del self._known[next(iter(self._known))]
-
-
+# Orders of the unknowns by which PARDISO factorised the last few patterns, by the digests of these.
+# They take a fifth of the time of a factor. To find a pattern again takes a hundredth of it.
+# SuperLU takes none: to permute a matrix takes longer than to order it.
+_ORDERS: dict[bytes, IntArray] = {}
 _MOST_ORDERS = 4
-_ORDERS = _Orders()
 
 
 def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A", pivot: float = 0.0) -> SuperLU:

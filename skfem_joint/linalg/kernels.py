@@ -17,6 +17,7 @@ from skfem_joint.ground.compiling import (
     compiled_as,
     compiled_for,
     compiled_inside,
+    inlined,
     sums_in_any_order,
 )
 from skfem_joint.linalg.compressed import CompressedRows
@@ -155,6 +156,16 @@ def largest_of(x):
     for i in range(n, x.size):
         a = abs(x[i]) if abs(x[i]) > a else a
     return max(a, b, c, d)
+
+
+@inlined
+def largest_entry(x):
+    """Largest magnitude and where it is; an entry that is not a number counts as the largest."""
+    largest, where = 0.0, 0
+    for i in range(x.size):
+        if not abs(x[i]) <= largest and largest == largest:
+            largest, where = abs(x[i]), i
+    return largest, where
 
 
 @sums_in_any_order

@@ -185,7 +185,7 @@ class SchurComplement(Uncondensed):
     """
 
     def __init__(self, A: Any, kept: IntArray) -> None:
-        self.A, self._factorise = A, Factoriser()
+        super().__init__(A)
         self.kept, self.interior = kept, np.setdiff1d(np.arange(A.shape[0]), kept)
         self._parts = _parts(A, kept, self.interior)
         self.complement = self._parts.complement
@@ -215,22 +215,11 @@ class SchurComplement(Uncondensed):
 class AllKept(SchurComplement):
     """A matrix of which all unknowns are kept, as its own complement."""
 
+    restrict, extend = Uncondensed.restrict, Uncondensed.extend
+
     def __init__(self, A: Any) -> None:
-        self.A, self._factorise, self.complement = A, Factoriser(), A
-        self.kept, self.interior = np.arange(A.shape[0]), np.zeros(0, dtype=np.intp)
-
-    def solve_interior(self, g: FloatArray) -> FloatArray:
-        """See `SchurComplement`: there is none."""
-        return g
-
-    def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Uncondensed`."""
-        return g, g[:0]
-
-    def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
-        """See `Uncondensed`."""
-        del interior
-        return x
+        Uncondensed.__init__(self, A)
+        self.kept, self.complement = np.arange(A.shape[0]), A
 
 
 def _parts(A: Any, kept: IntArray, interior: IntArray) -> _ByInterior | _ByPardiso:

@@ -329,14 +329,6 @@ class MovingNewton(ContactNewton):
             else apart
         )
 
-    def _balanced(self, v: FloatArray, g: FloatArray, forces: _Forces) -> FloatArray:
-        """Residual without contact, and ``forces`` at ``v``."""
-        r = g - times(self.H, v)
-        if self.opens:
-            forces.renew(v, r)
-        forces.balance(v, r)
-        return r
-
     def _moves(self, forces: _Forces, share: float) -> BoolArray:
         """Unknowns, (n,), of points that do not rest with less than a share of their limit.
 

@@ -21,7 +21,7 @@ from math import hypot, inf
 from typing import Any, NamedTuple
 
 from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside
-from skfem_joint.linalg.kernels import subtract_column
+from skfem_joint.linalg.kernels import largest_entry, subtract_column
 from skfem_joint.minimise.law import add_tangent, sprung_force, sprung_resolvent, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
 
@@ -300,15 +300,7 @@ def subtract_forces(contact, v, r, p, friction, held):
         i = pressing.place[c]
         held[i] = pressing.stiffness[c] == inf and v[i] >= pressing.bound[c] and r[i] >= 0.0
         r[i] -= p[c]
-    largest = 0.0
-    where = 0
-    for i in range(r.size):
-        if not abs(r[i]) <= largest:
-            largest = abs(r[i])
-            where = i
-            if largest != largest:
-                break
-    return largest, where
+    return largest_entry(r)
 
 
 @compiled
@@ -403,14 +395,11 @@ def coupled_tangent(A, contact, blocks, v, friction, p, slopes, free, place, J):
             x = v[i] - points.x[f]
             y = v[j] - points.y[f] if j >= 0 else 0.0
             biased = bias.size > 0 and 4.0 * w < contact.limits.cap[f]
-            if a >= 0:
-                change = _by_limit(contact, f, x, y, friction[f, 0])
-                by = 4.0 * bias[i] if biased else 0.0
-                _add_coupling(A, contact, f, a, change, by, p, slopes[f], free, place, J)
-            if b >= 0:
-                change = _by_limit(contact, f, x, y, friction[f, 1])
-                by = 4.0 * bias[j] if biased else 0.0
-                _add_coupling(A, contact, f, b, change, by, p, slopes[f], free, place, J)
+            for side, row, unknown in ((0, a, i), (1, b, j)):
+                if row >= 0:
+                    change = _by_limit(contact, f, x, y, friction[f, side])
+                    by = 4.0 * bias[unknown] if biased else 0.0
+                    _add_coupling(A, contact, f, row, change, by, p, slopes[f], free, place, J)
 
 
 @compiled

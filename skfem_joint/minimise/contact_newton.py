@@ -358,10 +358,7 @@ class ContactNewton(StepProblem):
         for iteration in range(200 if self.opens else ITERATIONS):
             follow, backward = self.opens and kept.limits is None, bool(iteration % 2)
             sweep_over(self.rows, contact, self.stiff, r, v, SWEEPS, backward, follow)
-            r = g - times(self.H, v)
-            if self.opens:
-                forces.renew(v, r)
-            forces.balance(v, r)
+            r = self._balanced(v, g, forces)
             evaluations += SWEEPS + 1
             residual = forces.residual
             if not np.isfinite(residual):
@@ -388,6 +385,14 @@ class ContactNewton(StepProblem):
         if self.opens:
             counts["renewed_limits"] = kept.renewed
         return self._minimum(v, forces, bool(converged), counts)
+
+    def _balanced(self, v: FloatArray, g: FloatArray, forces: _Forces) -> FloatArray:
+        """Residual without contact, and ``forces`` at ``v``."""
+        r = g - times(self.H, v)
+        if self.opens:
+            forces.renew(v, r)
+        forces.balance(v, r)
+        return r
 
     def _scale(self, g: FloatArray, contact: CompiledContact, force: float) -> tuple[float, bool]:
         """Force, N, to which a tolerance refers, and whether any acts, as springs and bounds do."""
@@ -538,11 +543,9 @@ class ContactNewton(StepProblem):
             if kept.since < _STUCK:
                 return r
             v[:] = kept.v
-            r = g - times(self.H, v)
-            forces.renew(v, r)
+            r = self._balanced(v, g, forces)
             kept.renewal, kept.limits = Renewal(), w.copy()
             kept.inner = _INNER * kept.residual
-            forces.balance(v, r)
             return r
         own = w.copy()
         w[:] = kept.limits

@@ -1,11 +1,10 @@
 """Pressure points in dense problems: normal forces, and friction limits that follow them.
 
 The method is that of :mod:`skfem_joint.minimise.primal_dual_newton`, its loop that of
-:mod:`skfem_joint.minimise.dense_loop`. In `Following` problems friction limits follow the normal
-forces in each evaluation, in `Kept` ones they are kept, so that the problem is convex.
+:mod:`skfem_joint.minimise.dense_loop`, which says what ``normal`` and ``follows`` are.
 
-Of the normal law this module has `_press`, its potential's slope in `_slope_beside_pressures`, its
-size in `_magnitude_of_pressures`, and the stiffness in `_differences`; the other places are in
+Of the normal law this module has `press_beyond`, its potential's slope in `slope_of_pressures`, its
+size in `magnitude_of_pressures`, and the stiffness in `_differences`; the other places are in
 ``docs/contributing/extend.md``.
 """
 
@@ -21,42 +20,17 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.ground.arrays import as_dense
-from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.ground.compiling import compiled, compiled_inside, inlined
 from skfem_joint.linalg.kernels import (
     add_product,
     add_row_products,
     aligned,
-    cholesky,
     combine_rows,
     largest_of,
-    lu,
-    solve_factorised,
-    solve_lu,
     sum_of_magnitudes,
     sum_of_products,
-    sum_of_triple_products,
 )
-from skfem_joint.minimise.dense_loop import (
-    DenseRows,
-    add_forces,
-    add_pressures,
-    advance,
-    begin,
-    evaluate,
-    factor,
-    friction_slope_along,
-    largest_entry,
-    limit_forces,
-    magnitude_of_pressures,
-    minimise_from,
-    predict_friction,
-    press,
-    recall,
-    solve,
-    stalls,
-)
-from skfem_joint.minimise.line_search import friction_slope, line_search
-from skfem_joint.minimise.problem import ContactPoints, Places, PressurePoints, minimise_step, slips
+from skfem_joint.minimise.problem import ContactPoints, Places, PressurePoints
 
 #: Iterations in which the residual must halve; otherwise limits are kept for a while.
 PATIENCE = 8
@@ -142,22 +116,6 @@ class PressureRows(NamedTuple):
     watch: Any
 
 
-class Following(NamedTuple):
-    """Problem of a step whose friction limits follow the forces of its pressure points."""
-
-    H: Any
-    contact: DenseRows
-    normal: PressureRows
-
-
-class Kept(NamedTuple):
-    """The same with friction limits that are kept: a convex problem."""
-
-    H: Any
-    contact: DenseRows
-    normal: PressureRows
-
-
 def pressure_rows(points: ContactPoints, places: Places) -> PressureRows:
     """Pressure points of contact points whose friction has some places in the loops."""
     normal, order = cast("PressurePoints", points.normal), np.argsort(places.point)
@@ -182,7 +140,7 @@ def pressure_rows(points: ContactPoints, places: Places) -> PressureRows:
 
 
 @compiled_inside
-def _press(normal):
+def press_beyond(normal):
     """Forces of the pressure points from how far they are beyond their bounds."""
     over, p, stiffness = normal.over, normal.p, normal.stiffness
     for c in range(p.size):
@@ -190,16 +148,7 @@ def _press(normal):
 
 
 @compiled_inside
-def _approach(normal, q):
-    """How far pressure points are beyond their bounds at velocities q, and their forces."""
-    combine_rows(normal.N, q, normal.over)
-    for c in range(normal.over.size):
-        normal.over[c] -= normal.bound[c]
-    _press(normal)
-
-
-@compiled_inside
-def _follow(contact, normal):
+def follow(contact, normal):
     """Friction limits that follow the normal forces."""
     for f in range(normal.given.size):
         limit = normal.given[f]
@@ -218,60 +167,6 @@ def _set_limit(contact, normal, f, limit):
     if contact.soft.size > 0:
         contact.soft[f] = limit * normal.flexible[f]
         contact.beta[f] = normal.steep[f] if limit > 0.0 or normal.steep[f] < inf else 0.0
-
-
-@compiled_for(press, Following, inlined=True)
-def _press_and_follow(problem, q):
-    _approach(problem.normal, q)
-    _follow(problem.contact, problem.normal)
-
-
-@compiled_for(press, Kept, inlined=True)
-def _press_alone(problem, q):
-    _approach(problem.normal, q)
-
-
-@compiled_for(add_pressures, Following, Kept, inlined=True)
-def _add_pressures(problem, r):
-    normal, pushed = problem.normal, problem.normal.pushed
-    for j in range(r.size):
-        pushed[j] = 0.0
-    add_row_products(normal.N, normal.p, pushed)
-    for j in range(r.size):
-        r[j] += pushed[j]
-    return largest_of(pushed)
-
-
-@compiled_for(magnitude_of_pressures, Following, Kept, inlined=True)
-def _magnitude_of_pressures(problem, q, j):
-    normal = problem.normal
-    rows, bound = normal.rows, normal.bound
-    if j == 0:
-        for c in range(rows.size):
-            rows[c] = abs(bound[c]) if normal.over[c] > 0.0 else 0.0
-        for k in range(q.size):
-            row, t = normal.N[k], abs(q[k])
-            for c in range(rows.size):
-                rows[c] += t * abs(row[c])
-        for c in range(rows.size):
-            rows[c] = normal.stiffness[c] * rows[c] if normal.over[c] > 0.0 else 0.0
-    return sum_of_magnitudes(normal.N[j], rows)
-
-
-@compiled_for(begin, Following, Kept, inlined=True)
-def _begin_with_friction(problem, space):
-    for i in range(space.predicted.size):
-        space.predicted[i] = problem.contact.w[i] * space.force[i]
-
-
-@compiled_inside
-def _stalls(normal, largest):
-    """Whether the residual has not halved for some iterations."""
-    watch = normal.watch
-    if largest <= 0.5 * watch[0]:
-        watch[0], watch[1] = largest, 0.0
-    watch[1] += 1.0
-    return watch[1] > PATIENCE or largest == inf
 
 
 @compiled_inside
@@ -342,9 +237,8 @@ def _differences(normal, contact, count, coupled):
 
 
 @compiled_inside
-def _hold_pressures(problem, space, sigma, anew, coupled):
-    """Bring the tangent U of the normal forces up to date; returns how many points changed."""
-    contact, normal = problem.contact, problem.normal
+def _hold_pressures(contact, normal, space, sigma, anew, coupled):
+    """Changes of the tangent U of the normal forces in X and Y; returns how many points changed."""
     if coupled:
         _changes(contact, sigma, space.scaled, normal.change)
     else:
@@ -363,153 +257,92 @@ def _hold_pressures(problem, space, sigma, anew, coupled):
     return count
 
 
-@compiled_for(factor, Following, inlined=True)
-def _factor_following(problem, space, sigma, anew):
-    normal, H, A, S = problem.normal, problem.H, space.A, space.S
-    count = _hold_pressures(problem, space, sigma, anew, True)
-    add_product(normal.X, normal.Y, count, normal.U, False)
-    for j in range(len(A)):
-        for k in range(len(A)):
-            A[j, k] = H[j, k] + S[min(j, k), max(j, k)] + normal.U[j, k]
-    return lu(A, normal.order)
+@inlined
+def press(contact, normal, follows, q):
+    """Forces of the pressure points at velocities q, and the friction limits that follow them."""
+    if normal is not None:
+        combine_rows(normal.N, q, normal.over)
+        for c in range(normal.over.size):
+            normal.over[c] -= normal.bound[c]
+        press_beyond(normal)
+        if follows is not None:
+            follow(contact, normal)
 
 
-@compiled_for(factor, Kept, inlined=True)
-def _factor_kept(problem, space, sigma, anew):
-    normal, H, A, S = problem.normal, problem.H, space.A, space.S
-    count = _hold_pressures(problem, space, sigma, anew, False)
-    add_product(normal.X, normal.Y, count, normal.U, True)
-    for j in range(len(A)):
-        for k in range(j, len(A)):
-            A[j, k] = H[j, k] + S[j, k] + normal.U[j, k]
-    return cholesky(A)
-
-
-@compiled_for(solve, Following, inlined=True)
-def _solve_following(problem, space, r):
-    solve_lu(space.A, problem.normal.order, r, problem.normal.pushed)
-
-
-@compiled_for(solve, Kept, inlined=True)
-def _solve_kept(problem, space, r):
-    solve_factorised(space.A, r)
-
-
-@compiled_for(advance, Following, inlined=True)
-def _advance_following(problem, space, right, largest, linear, quadratic):
-    contact, normal = problem.contact, problem.normal
-    q, direction, tried, left = space.velocity, space.r, normal.tried, normal.left
-    slip, trial, d_slip = space.slip, problem.normal.slip, space.d_slip
-    w, sigma, predicted, over = contact.w, space.force, space.predicted, normal.over
-    predict_friction(contact, sigma, d_slip, space)
-    combine_rows(normal.N, direction, normal.d_over)
-    for i in range(w.size):
-        normal.old_w[i], normal.old_sigma[i] = w[i], sigma[i]
-    for c in range(over.size):
-        normal.rows[c] = over[c]
-    length, trials = 1.0, 0
-    while trials < 8:
-        trials += 1
-        for i in range(q.size):
-            tried[i] = q[i] + length * direction[i]
-        for i in range(slip.size):
-            trial[i] = slip[i] + length * d_slip[i]
-        for c in range(over.size):
-            over[c] = normal.rows[c] + length * normal.d_over[c]
-        _press(normal)
-        _follow(contact, normal)
-        evaluate(contact, trial, space.size, space.ratio, sigma)
-        normal.watch[2] = add_forces(problem, space, right, tried, left)
-        # Residuals of few unknowns grow on the way: where each had to fall, steps of 67 unknowns
-        # took 16.4 iterations in place of 12.9.
-        if largest_entry(left)[0] <= 4.0 * largest:
-            break
-        length *= 0.4
-    else:
-        return 0.0, trials, False
-    for i in range(w.size):
-        slip[i] = trial[i]
-        before = normal.old_w[i] * normal.old_sigma[i]
-        predicted[i] = w[i] * normal.old_sigma[i] + length * (predicted[i] - before)
-    limit_forces(contact, predicted)
-    return length, trials, True
-
-
-@compiled_for(recall, Following, inlined=True)
-def _recall(problem, r):
+@inlined
+def add_pressures(normal, r):
+    """Add the normal forces to the residual ``r``; returns the largest on an unknown, N."""
+    if normal is None:
+        return 0.0
+    pushed = normal.pushed
     for j in range(r.size):
-        r[j] = problem.normal.left[j]
-    return problem.normal.watch[2]
+        pushed[j] = 0.0
+    add_row_products(normal.N, normal.p, pushed)
+    for j in range(r.size):
+        r[j] += pushed[j]
+    return largest_of(pushed)
 
 
-@compiled_for(recall, Kept, inlined=True)
-def _recall_nothing(problem, r):
-    return -1.0
+@inlined
+def magnitude_of_pressures(normal, q, j):
+    """Sum of the magnitudes that are added up in the normal forces on an unknown, N."""
+    if normal is None:
+        return 0.0
+    rows, bound = normal.rows, normal.bound
+    if j == 0:
+        for c in range(rows.size):
+            rows[c] = abs(bound[c]) if normal.over[c] > 0.0 else 0.0
+        for k in range(q.size):
+            row, t = normal.N[k], abs(q[k])
+            for c in range(rows.size):
+                rows[c] += t * abs(row[c])
+        for c in range(rows.size):
+            rows[c] = normal.stiffness[c] * rows[c] if normal.over[c] > 0.0 else 0.0
+    return sum_of_magnitudes(normal.N[j], rows)
 
 
-class _PressedLine(NamedTuple):
-    """The same beside pressure points."""
-
-    contact: Any
-    space: Any
-    normal: Any
-
-
-@compiled_for(friction_slope, _PressedLine)
-def _slope_beside_pressures(line, length):
-    contact, space, normal = line
-    slope = friction_slope_along(contact, space, length)
+@inlined
+def slope_of_pressures(normal, length):
+    """Derivative of the potential of the pressure points along a direction, W."""
+    if normal is None:
+        return 0.0
     over, d_over, rows = normal.over, normal.d_over, normal.rows
     for c in range(over.size):
         rows[c] = normal.stiffness[c] * max(over[c] + length * d_over[c], 0.0)
-    return slope + sum_of_products(rows, d_over)
+    return sum_of_products(rows, d_over)
 
 
-@compiled_for(advance, Kept, inlined=True)
-def _advance_kept(problem, space, right, largest, linear, quadratic):
-    contact, normal = problem.contact, problem.normal
-    combine_rows(normal.N, space.r, normal.d_over)
-    slope_0 = linear + sum_of_triple_products(contact.w, space.force, space.d_slip)
-    slope_0 += sum_of_products(normal.p, normal.d_over)
-    predict_friction(contact, space.force, space.d_slip, space)
-    limit_forces(contact, space.predicted)
-    line = _PressedLine(contact, space, normal)
-    length, trials, known = line_search(line, slope_0, linear, quadratic)
-    if known:
-        for i in range(space.slip.size):
-            space.slip[i] = space.trial[i]
-        for c in range(normal.over.size):
-            normal.over[c] += length * normal.d_over[c]
-        _press(normal)
-    return length, trials, known
+@inlined
+def renew_tangent_of_pressures(contact, normal, follows, space, sigma, anew):
+    """Bring the tangent U of the normal forces up to date."""
+    if normal is not None:
+        count = _hold_pressures(contact, normal, space, sigma, anew, follows is not None)
+        add_product(normal.X, normal.Y, count, normal.U, follows is None)
 
 
-@compiled_for(stalls, Following, inlined=True)
-def _following_stalls(problem, largest):
-    return _stalls(problem.normal, largest)
+@inlined
+def stalls(normal, follows, largest):
+    """Whether the iteration does not lead on, after an iteration with a residual, N.
+
+    That is so if the residual has not halved for some iterations, or if limits are kept and it is
+    small enough.
+    """
+    if normal is None:
+        return False
+    watch = normal.watch
+    if follows is None:
+        return largest <= watch[2] or largest == inf
+    if largest <= 0.5 * watch[0]:
+        watch[0], watch[1] = largest, 0.0
+    watch[1] += 1.0
+    return watch[1] > PATIENCE or largest == inf
 
 
-@compiled_for(stalls, Kept, inlined=True)
-def _enough_or_at_rest(problem, largest):
-    return largest <= problem.normal.watch[2] or largest == inf
-
-
-@compiled_for(minimise_step, Following)
-def _minimise_following(problem, workspace, right, v, tolerance):
-    outcome = minimise_from(problem, workspace, right, v, tolerance)
-    problem.normal.watch[0], problem.normal.watch[1] = inf, 0.0  # of the next minimisation
-    return outcome
-
-
-@compiled_for(minimise_step, Kept)
-def _minimise_kept(problem, workspace, right, v, tolerance):
-    return minimise_from(problem, workspace, right, v, tolerance)
-
-
-@compiled_for(slips, Following)
-def _slips_of_following(problem, x, out):
-    combine_rows(problem.contact.B, x, out)
-    return out
+@inlined
+def watch_anew(normal, follows):
+    """Begin to watch the residual of the next minimisation."""
+    if follows is not None:
+        normal.watch[0], normal.watch[1] = inf, 0.0
 
 
 @compiled

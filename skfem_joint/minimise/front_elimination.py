@@ -560,29 +560,22 @@ class FrontElimination(CompiledStepProblem):
             slip = v[contact] - space.offset[contact] if sprung else v[contact]
             on_law[contact] = law.force(slip, own, self.points.soft)
             self._set_parameter(chain, v, on_law)
-        passes, tier, iterations = 0, 0, 0
-        converged, residual, unknown = False, 0.0, 0
+        # Not by the loop's way as a whole: to compile that once more would take 2 s.
+        count, tier, converged, residual, unknown = 0, 0, False, 0.0, 0
         g = np.ascontiguousarray(g)
         if chain.mixed == 2 and not sprung:
-            passes, converged = eliminate_fronts(chain, space, g, chain.hold, tolerance)
+            count, converged = eliminate_fronts(chain, space, g, chain.hold, tolerance)
         if not converged:
             space.rights[: g.size] = g
             space.new_parameter[:] = space.parameter if chain.mixed < 2 or sprung else 0.0
-            iterations, tier, converged, residual, unknown = newton_on_graph(
-                chain, space.rights, space.parameters, space.work, space.trial,
-                tolerance, False,
-            )  # fmt: skip
-        counts = {
-            "newton_iterations": int(passes + iterations),
-            "nested_solves": int(tier == 1),
-            "descents": int(tier == 2),
-            "friction_evaluations": int(passes + iterations + 1),
-        }
-        sigma = space.force[contact]
-        v = space.velocity.copy()
-        return Minimum(
-            v, sigma, bool(converged), counts, float(residual), int(unknown), w=self.points.w
+            more, tier, converged, residual, unknown = newton_on_graph(
+                chain, space.rights, space.parameters, space.work, space.trial, tolerance, False
+            )
+            count += more
+        outcome = StepOutcome(
+            converged, count, tier == 1, tier == 2, 0, count + 1, residual, unknown
         )
+        return Minimum.of(outcome, space.velocity, space.force[contact], self.points)
 
     def check(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`: the compiled loops meet at a point of the chain."""

@@ -181,14 +181,6 @@ def slope(v, beta):
     return beta * slope_of(beta * v)
 
 
-@compiled
-def across(speed, beta):
-    """Stiffness across a slip vector, sigma / |v|, s/m; at rest the slope."""
-    if speed > 0.0:
-        return (1.0 if beta == inf else force_alone(beta * speed)) / speed
-    return slope(speed, beta)
-
-
 @compiled_inside
 def psi(v, beta):
     """Potential, m/s, whose derivative is `sigma`; zero at rest, |v| for Coulomb friction."""
@@ -294,7 +286,7 @@ def slider(v, beta, soft):
 @compiled_inside
 def sprung_force(v, beta, soft):
     """Normalised force; `sigma` where ``soft`` is zero."""
-    return sigma(v, beta) if soft == 0.0 else slider(v, beta, soft)[1]
+    return slider(v, beta, soft)[1]
 
 
 @compiled_inside
@@ -312,16 +304,12 @@ def sprung_slope(v, beta, soft):
 @compiled_inside
 def sprung_across(speed, beta, soft):
     """Force over the norm of a slip vector, s/m; at rest the slope."""
-    if soft == 0.0:
-        return across(speed, beta)
     return slider(speed, beta, soft)[1] / speed if speed > 0.0 else sprung_slope(0.0, beta, soft)
 
 
 @compiled_inside
 def sprung_psi(v, beta, soft):
     """Potential of `sprung_force`, m/s; `psi` where ``soft`` is zero."""
-    if soft == 0.0:
-        return psi(v, beta)
     z, force = slider(v, beta, soft)
     return psi(z, beta) + 0.5 * soft * force * force
 
@@ -443,63 +431,32 @@ def slider_rates(kind, inverse_beta, soft, v, force, z):
 
 
 @compiled
-def _sigmas(v, beta, result):
-    for i in range(v.size):
-        result[i] = sigma(v[i], beta[i])
-
-
-@compiled
-def _slopes(v, beta, result):
-    for i in range(v.size):
-        result[i] = slope(v[i], beta[i])
-
-
-@compiled
-def _potentials(v, beta, result):
-    for i in range(v.size):
-        result[i] = psi(v[i], beta[i])
-
-
-@compiled
-def _sprung_forces(v, beta, soft, result):
+def _forces(v, beta, soft, result):
     for i in range(v.size):
         result[i] = sprung_force(v[i], beta[i], soft[i])
 
 
 @compiled
-def _sprung_slopes(v, beta, soft, result):
+def _slopes(v, beta, soft, result):
     for i in range(v.size):
         result[i] = sprung_slope(v[i], beta[i], soft[i])
 
 
 @compiled
-def _sprung_potentials(v, beta, soft, result):
+def _potentials(v, beta, soft, result):
     for i in range(v.size):
         result[i] = sprung_psi(v[i], beta[i], soft[i])
 
 
-def _with_springs(loop: Any, v: ArrayLike, beta: ArrayLike, soft: ArrayLike) -> FloatArray:
+def _evaluated(loop: Any, *given: ArrayLike) -> FloatArray:
     """Values at slip velocities, values of beta and compliances that broadcast."""
-    given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (v, beta, soft)))
-    result = np.empty(given[0].shape)
-    loop(*(x.copy().ravel() for x in given), result.ravel())
+    arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in given))
+    result = np.empty(arrays[0].shape)
+    loop(*(x.copy().ravel() for x in arrays), result.ravel())
     return result
 
 
-def _evaluated(loop: Any, v: ArrayLike, beta: ArrayLike) -> FloatArray:
-    """Values at slip velocities and values of beta that broadcast."""
-    v, beta = np.asarray(v, dtype=float), np.asarray(beta, dtype=float)
-    shape = v.shape
-    if beta.shape != shape:
-        shape = np.broadcast_shapes(shape, beta.shape)
-        v, beta = np.broadcast_to(v, shape), np.broadcast_to(beta, shape)
-    result = np.empty(shape)
-    flat = [x.ravel() if x.flags.writeable else x.copy().ravel() for x in (v, beta)]
-    loop(*flat, result.ravel())
-    return result
-
-
-def force(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> FloatArray:
+def force(v: ArrayLike, beta: ArrayLike, soft: ArrayLike = 0.0) -> FloatArray:
     """Normalised friction force sigma(v) in [-1, 1], Eq. (2).
 
     Parameters
@@ -508,35 +465,29 @@ def force(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> Float
         Slip velocity, m/s.
     beta : array_like
         Steepness beta, s/m; ``inf`` is Coulomb. It broadcasts against ``v``.
-    soft : array_like, optional
-        Compliance of a spring in series, m/s, see the module; none if not given.
+    soft : array_like
+        Compliance of a spring in series, m/s, see the module; none by default.
 
     Returns
     -------
     ndarray
         For Coulomb points at rest, where any value in [-1, 1] may act, the value 0.
     """
-    if soft is not None:
-        return _with_springs(_sprung_forces, v, beta, soft)
-    return _evaluated(_sigmas, v, beta)
+    return _evaluated(_forces, v, beta, soft)
 
 
-def force_slope(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> FloatArray:
+def force_slope(v: ArrayLike, beta: ArrayLike, soft: ArrayLike = 0.0) -> FloatArray:
     """Derivative d sigma / dv, s/m, of the shapes of `force`; see `slope`."""
-    if soft is not None:
-        return _with_springs(_sprung_slopes, v, beta, soft)
-    return _evaluated(_slopes, v, beta)
+    return _evaluated(_slopes, v, beta, soft)
 
 
-def potential(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> FloatArray:
+def potential(v: ArrayLike, beta: ArrayLike, soft: ArrayLike = 0.0) -> FloatArray:
     """Potential psi(v), m/s, of the shapes of `force`; see `psi`."""
-    if soft is not None:
-        return _with_springs(_sprung_potentials, v, beta, soft)
-    return _evaluated(_potentials, v, beta)
+    return _evaluated(_potentials, v, beta, soft)
 
 
 def along_and_across(
-    size: FloatArray, beta: FloatArray, soft: FloatArray | None = None
+    size: FloatArray, beta: FloatArray, soft: FloatArray | float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
     """Tangents over the limit, s/m, along and across slips of some ``size``, of shapes of `force`.
 

@@ -196,11 +196,9 @@ class Linearisation:
         points, pairs, size = self.points, self.pairs, slip_norms(slip, self.points.directions)
         w = np.broadcast_to(points.w, size.shape) if w is None else w
         p = np.zeros((len(slip), 0)) if p is None else p
-        acts, soft = w > 0.0, None if points.flexible is None else w * points.flexible
+        acts, soft = w > 0.0, 0.0 if points.flexible is None else w * points.flexible
         along, across = along_and_across(size, points.beta, soft)
-        by_limit = np.where(acts, across, 0.0)
-        if soft is not None:
-            by_limit *= 1.0 - soft * along
+        by_limit = np.where(acts, across, 0.0) * (1.0 - soft * along)
         along, across = w * along, w * across
         blocks = np.zeros((*size.shape, 3))
         blocks[..., 0] = along

@@ -22,7 +22,7 @@ from math import copysign, inf
 import numpy as np
 
 from skfem_joint.ground.compiling import compiled, compiled_inside
-from skfem_joint.linalg.kernels import largest_of
+from skfem_joint.linalg.kernels import largest_entry, largest_of
 from skfem_joint.minimise.law import (
     COULOMB,
     FREE,
@@ -30,8 +30,6 @@ from skfem_joint.minimise.law import (
     add_springs,
     graph,
     graph_parameters,
-    potential_of,
-    resolvent,
     sprung_force,
     sprung_psi,
     sprung_resolvent,
@@ -54,21 +52,14 @@ _ABOVE_ONE = float(np.nextafter(1.0, 2.0))
 @compiled_inside
 def _residual(H0, H1, w, g, v, sigma, r):
     """Residual r = H v + w sigma - g; its largest entry and that entry's row."""
-    n, last = v.size, v.size - 1
+    last = v.size - 1
     for i in range(1, last):
         r[i] = H0[i] * v[i] + w[i] * sigma[i] - g[i] + H1[i - 1] * v[i - 1] + H1[i] * v[i + 1]
     r[0] = H0[0] * v[0] + w[0] * sigma[0] - g[0]
     if last > 0:
         r[0] += H1[0] * v[1]
         r[last] = H0[last] * v[last] + w[last] * sigma[last] - g[last] + H1[last - 1] * v[last - 1]
-    largest = 0.0
-    row = 0
-    for i in range(n):
-        size = abs(r[i])
-        if not size <= largest and largest == largest:  # if not a number, it stays so
-            largest = size
-            row = i
-    return largest, row
+    return largest_entry(r)
 
 
 @compiled_inside
@@ -81,13 +72,22 @@ def _round_off(H0, v, s, dv):
 
 
 @compiled_inside
-def _force_at_rest(w, kind, inverse_beta, soft, offset):
+def _law_of(chain, i):
+    """Steepness of a point, s/m, compliance of its spring, m/s, and offset of its slip, m/s."""
+    beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
+    if chain.soft.size == 0:
+        return beta, 0.0, 0.0
+    return beta, chain.soft[i], chain.offset[i]
+
+
+@compiled_inside
+def _force_at_rest(chain, begin, end):
     """Largest force of springs on points at rest, N: a scale where no load acts."""
     largest = 0.0
-    for i in range(w.size):
-        if soft[i] > 0.0:
-            beta = 1.0 / inverse_beta[i] if kind[i] == REGULAR else inf
-            largest = max(largest, w[i] * sprung_force(abs(offset[i]), beta, soft[i]))
+    for i in range(begin, end):
+        beta, soft, offset = _law_of(chain, i)
+        if soft > 0.0:
+            largest = max(largest, chain.w[i] * sprung_force(abs(offset), beta, soft))
     return largest
 
 
@@ -156,14 +156,13 @@ def _newton(chain, level, g, s, work, limit, tolerance):
     dsigma, r, factor = work[3, :n], work[4, :n], work[5, :n]
     scale, added = largest_of(g), 0.0
     if sprung:
-        offset = chain.offset[a:b]
-        scale = max(scale, _force_at_rest(w, kind, inverse_beta, chain.soft[a:b], offset))
+        scale = max(scale, _force_at_rest(chain, a, b))
     iteration, fewest, patience = 0, n + 1, _PATIENCE
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
         if sprung:
             add_springs(chain.soft[a:b], chain.offset[a:b], v, sigma, dv, dsigma)
-            added = _round_off_of_springs(H0, chain.soft[a:b], offset, sigma)
+            added = _round_off_of_springs(H0, chain.soft[a:b], chain.offset[a:b], sigma)
         largest, row = _residual(H0, H1, w, g, v, sigma, r)
         if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv) + added:
             return iteration, True, largest, row
@@ -211,15 +210,8 @@ def _objective(chain, g, v):
         t = 0.5 * chain.H0[i] * v[i] - g[i]
         if i > 0:
             t += chain.H1[i - 1] * v[i - 1]
-        total += t * v[i]
-        if chain.soft.size > 0 and chain.soft[i] > 0.0:
-            beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
-            total += chain.w[i] * sprung_psi(v[i] - chain.offset[i], beta, chain.soft[i])
-        elif chain.kind[i] == REGULAR:
-            width = chain.inverse_beta[i]
-            total += chain.w[i] * width * potential_of(abs(v[i]) / width)
-        else:
-            total += chain.w[i] * abs(v[i])
+        beta, soft, offset = _law_of(chain, i)
+        total += t * v[i] + chain.w[i] * sprung_psi(v[i] - offset, beta, soft)
     return total
 
 
@@ -238,15 +230,10 @@ def _sweep(chain, g, v, sigma, s, z):
         if chain.kind[i] == FREE:
             z[i] = v[i] = right / chain.H0[i]
         else:
-            beta = 1.0 / chain.inverse_beta[i] if chain.kind[i] == REGULAR else inf
-            if chain.soft.size > 0 and chain.soft[i] > 0.0:
-                right -= chain.H0[i] * chain.offset[i]
-                slip = sprung_resolvent(right / w, chain.H0[i] / w, beta, chain.soft[i])
-                v[i], sigma[i] = slip[0] + chain.offset[i], slip[1]
-                z[i] = slip[0] - chain.soft[i] * slip[1]
-            else:
-                z[i], sigma[i] = resolvent(right / w, chain.H0[i] / w, beta)
-                v[i] = z[i]
+            beta, soft, offset = _law_of(chain, i)
+            right -= chain.H0[i] * offset
+            slip, sigma[i] = sprung_resolvent(right / w, chain.H0[i] / w, beta, soft)
+            v[i], z[i] = slip + offset, slip - soft * sigma[i]
     graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, z, sigma, s)
 
 

@@ -46,12 +46,10 @@ Contact that opens adds a term of the approaches N v of pressure points, with a 
     sum k / 2 max(N v - bound, 0)^2,
 
 since they cannot all rest on their bounds either. Its slopes are the normal forces p, and friction
-limits follow them, w = max(0, given + gain p). `Dense` has constant limits, `Following` such as
-follow in each evaluation, and `Kept` such as are kept (`dense_pressures`). All three run through
-one loop, `minimise_from` of `dense_loop`, whose functions that are not implemented there are where
-they differ.
+limits follow them, w = max(0, given + gain p). Problems with constant limits, with limits that
+follow in each evaluation, and with limits that are kept run through one loop, that of `dense_loop`.
 
-The tangent of `Following` has the change of the friction F of each slip row by its limit,
+Where limits follow the tangent has the change of the friction F of each slip row by its limit,
 
     H + B' D B + sum_c k_c (N_c + sum_f gain_fc B_f' dF_f/dw_f) N_c,    dF/dw = sigma (1 - soft d),
 
@@ -81,13 +79,7 @@ from skfem_joint.minimise.dense_loop import (
     minimise_dense,
     rows_of,
 )
-from skfem_joint.minimise.dense_pressures import (
-    PATIENCE,
-    Following,
-    Kept,
-    keep_limits,
-    pressure_rows,
-)
+from skfem_joint.minimise.dense_pressures import PATIENCE, keep_limits, pressure_rows
 from skfem_joint.minimise.limits import Renewal
 from skfem_joint.minimise.linearisation import RowLinearisation
 from skfem_joint.minimise.problem import (
@@ -139,8 +131,8 @@ class PrimalDualNewton(CompiledStepProblem):
             q = self.normal.bound.size
             self._presses = np.repeat(np.arange(q), np.diff(self.normal.point_start))
             self._gains = self.normal.gain.copy(), self.normal.point_gain.copy()
-            self.kernel = Following(self.H, self.contact, self.normal)
-            self.kept = Kept(self.H, self.contact, self.normal)
+            self.kernel = Dense(self.H, self.contact, self.normal, True)
+            self.kept = Dense(self.H, self.contact, self.normal)
         self.steps_per_second = max(1, 10_000_000 // (max(rows, 1) * n**2))
         self._own = self.contact.beta.copy()
         self._stuck: tuple[Any, float] | None = None
@@ -207,19 +199,8 @@ class PrimalDualNewton(CompiledStepProblem):
         self.contact.beta[self.places.point] = law
         outcome = self._minimise(g, start, tolerance)
         self.contact.beta[:] = self._own
-        counts = {
-            name: int(getattr(outcome, name))
-            for name in ("newton_iterations", "line_searches", "friction_evaluations")
-        }
-        return Minimum(
-            self.workspace.velocity.copy(),
-            self.workspace.force[self.places.row],
-            bool(outcome.converged),
-            counts,
-            float(outcome.residual),
-            int(outcome.unknown),
-            w=self.points.w,
-        )
+        space = self.workspace
+        return Minimum.of(outcome, space.velocity, space.force[self.places.row], self.points)
 
     def _minimise(
         self, g: FloatArray, start: FloatArray, tolerance: float, kernel: Any = None

@@ -97,6 +97,16 @@ class Minimum:
     p: FloatArray = field(default_factory=lambda: np.zeros(0))
     w: FloatArray = field(default_factory=lambda: np.zeros(0))
 
+    @staticmethod
+    def of(
+        outcome: StepOutcome, v: FloatArray, sigma: FloatArray, points: ContactPoints
+    ) -> Minimum:
+        """Of a compiled minimisation with constant friction limits."""
+        converged, *work, residual, where = outcome
+        counts = dict(zip(StepOutcome._fields[1:-2], map(int, work), strict=True))
+        converged, residual = bool(converged), float(residual)
+        return Minimum(v.copy(), sigma, converged, counts, residual, int(where), w=points.w)
+
 
 @dataclass(frozen=True)
 class PressurePoints:
@@ -422,8 +432,8 @@ def minimise_step(
     """Minimise from the velocity ``v`` of the step before; returns an `StepOutcome`.
 
     numba replaces a call by the implementation for the kind of ``problem``:
-    `front_elimination.Chain`, `dense_loop.Dense`, or `dense_pressures.Following` where elastic
-    contact opens (see :func:`skfem_joint.ground.compiling.compiled_for`).
+    `front_elimination.Chain` or `dense_loop.Dense` (see
+    :func:`skfem_joint.ground.compiling.compiled_for`).
 
     ``workspace.offset`` has the slips from which those of rows with springs count. The velocity and
     the friction are left in ``workspace.velocity`` and ``workspace.force``. What

@@ -813,7 +813,10 @@ class QuasiStatic:
 
     def _carried(self, increment: Minimum, f: FloatArray) -> float:
         """Share of the load that the added mass carries."""
-        return _share(self.added @ increment.v, f) if self.shift else 0.0
+        force = float(np.linalg.norm(f))
+        if not self.shift or not force > 0.0:  # friction holds what was held
+            return 0.0
+        return float(np.linalg.norm(self.added @ increment.v)) / force
 
     def _least_of_rigid(self, f: FloatArray) -> tuple[float, bool]:
         """Smallest sum w |B d| / f d found among rigid motions d, and whether it is the least.
@@ -925,12 +928,6 @@ class _Alone:
             ]
         )
         return [[next(whole) for _ in way] for way in ways]
-
-
-def _share(carried: FloatArray, f: FloatArray) -> float:
-    """Forces of the added mass over a load; zero without a load: friction holds what was held."""
-    force = float(np.linalg.norm(f))
-    return float(np.linalg.norm(carried)) / force if force > 0.0 else 0.0
 
 
 def factors_at_rest(system: System) -> QuasiStatic | None:

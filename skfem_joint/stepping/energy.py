@@ -103,13 +103,9 @@ def add_friction_work(
     ``w``, ``before`` and ``after`` are friction limits (N) and normalised forces at the ends of the
     step, (rows,); ``slip_change``, (rows,), is in m.
     """
-    m = work.size
-    if w.size == m:
-        add_mean_products(work, w, before, after, slip_change)
-    else:
-        add_mean_products(work, w[:m], before[:m], after[:m], slip_change[:m])
-        pairs = work[: w.size - m]
-        add_mean_products(pairs, w[m:], before[m:], after[m:], slip_change[m:])
+    m, pairs = work.size, work[: w.size - work.size]
+    add_mean_products(work, w[:m], before[:m], after[:m], slip_change[:m])
+    add_mean_products(pairs, w[m:], before[m:], after[m:], slip_change[m:])
 
 
 def joint_slips(

@@ -67,7 +67,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import (
@@ -409,19 +409,17 @@ class NormalForces:
         """
         contact, (q, m) = self.part, (self.part.gap.size, self.limits.size)
         rows, slides = places.row.size, m if self.system.contact.has_springs else 0
-        none, some = np.zeros(0), np.zeros((0, 0))
+        none = np.zeros(0)
         return Opening(
-            N=np.ascontiguousarray(as_dense(contact.N).T),
             rest=np.asarray(self._faces @ contact.force),
             apart=contact.gap - contact.force / contact.stiffness,
             stiffness=np.array(contact.stiffness),
             at_rest=float((0.5 * contact.force**2 / contact.stiffness).sum()),
-            bound=none, pressing=none, w=none,
             p=np.zeros(q), force=np.zeros(rows), limits=np.zeros(m),
-            new_force=np.zeros(rows), weight=np.ones(rows),
+            new_force=np.zeros(rows),
             approach=np.zeros(q), share=np.zeros(joint_points),
             slider_peak=np.zeros(slides),
-            peak=none, least=none, stored_p=some, stored_limits=some,
+            peak=none, least=none,
         )  # fmt: skip
 
     def enter_loop(self, loop: Opening, problem: PrimalDualNewton, recorder: Recorder) -> Opening:
@@ -433,15 +431,7 @@ class NormalForces:
             loop.slider_peak[point] = recorder.slider_peak
         none = np.full(self.normal.mean.size, np.inf)
         problem.press(problem.points.beta, None, Pressed(none, self.system.contact.given))
-        return loop._replace(
-            bound=problem.normal.bound,
-            pressing=problem.normal.p,
-            w=problem.limits,
-            peak=recorder.normal_force_peak,
-            least=recorder.normal_force_least,
-            stored_p=recorder.normal_force[recorder.field_rows :],
-            stored_limits=recorder.limits[recorder.field_rows :],
-        )
+        return loop._replace(peak=recorder.normal_force_peak, least=recorder.normal_force_least)
 
     def leave_loop(self, loop: Opening, places: Places, recorder: Recorder) -> None:
         """Take over the forces at the end of steps in the loop; earlier ones do not matter."""

@@ -477,12 +477,17 @@ def _first_of(values: Mapping[str, float], unit: str) -> str:
 
 
 class StoredRows(NamedTuple):
-    """Arrays of stored rows: four of fields, five of named points and joints; names as in `Run`."""
+    """Arrays of stored rows: six of fields, five of named points and joints; names as in `Run`.
+
+    Those of friction limits are empty where these do not change.
+    """
 
     u: FloatArray
     v: FloatArray
     sigma: FloatArray
     friction_work_rows: FloatArray
+    normal_force: FloatArray
+    limits: FloatArray
     point_u: FloatArray
     point_v: FloatArray
     joint_work: FloatArray
@@ -533,7 +538,9 @@ class Recorder:
         points = self.n_steps // every + 1 if self.save.points else 0
         slips = points if self.save.slips else 0
         m, p, joints = s.contact.w.size, len(s.points), len(s.contact.joints)
-        shapes = [(fields, size) for size in (s.n, s.n, s.contact.B.shape[0], m)]
+        q, changing = s.contact.normal.gap.size, m if s.contact.opens else 0
+        sizes = s.n, s.n, s.contact.B.shape[0], m, q, changing
+        shapes = [(fields, size) for size in sizes]
         shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
         try:
             self.stored = StoredRows(*map(np.zeros, shapes))
@@ -558,8 +565,6 @@ class Recorder:
         self.input_work, self.impact_work = np.zeros(len(s.loads)), np.zeros(1)
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
-        q, changing = s.contact.normal.gap.size, m if s.contact.opens else 0
-        self.normal_force, self.limits = np.zeros((fields, q)), np.zeros((fields, changing))
         # Where limits change a slider's slip does not follow from that of its point.
         self.slider_peak = np.zeros(changing if s.contact.has_springs else 0)
         self.normal_force_peak = np.zeros(q)
@@ -583,7 +588,12 @@ class Recorder:
 
     def _ends(self) -> list[int]:
         """How many rows of each kind are filled."""
-        return 4 * [self.field_rows] + 5 * [self.rows]
+        return 6 * [self.field_rows] + 5 * [self.rows]
+
+    @property
+    def limits(self) -> FloatArray:
+        """Stored friction limits, (frames, m), N, where they change."""
+        return self.stored.limits
 
     def _filled(self) -> dict[str, Any]:
         """Rows that are stored so far, by their names in `Run`."""
@@ -633,7 +643,7 @@ class Recorder:
         np.maximum(self.normal_force_peak, force, out=self.normal_force_peak)
         np.minimum(self.normal_force_least, force, out=self.normal_force_least)
         if self.save.fields and step % self.save.strides[1] == 0:
-            self.normal_force[self.field_rows - 1] = force
+            self.stored.normal_force[self.field_rows - 1] = force
 
     def observe(self, state: State, limits: FloatArray | None = None) -> None:
         """Update the peaks; ``limits`` (m,), N, are given if they change."""
@@ -719,11 +729,7 @@ class Recorder:
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that is filled in so far, for a checkpoint."""
-        filled = self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
-        if self.normal_force_peak.size:
-            filled["normal_force"] = self.normal_force[: self.field_rows]
-            filled["limits"] = self.limits[: self.field_rows]
-        return filled
+        return self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
 
     def mark(self) -> dict[str, NDArray[Any]]:
         """Copies of what later steps change: not of stored rows and finished cycles."""
@@ -738,16 +744,13 @@ class Recorder:
         ValueError
             Naming what is not so.
         """
-        strides = 4 * [self.save.strides[1]] + 5 * [self.save.strides[0]]
+        strides = 6 * [self.save.strides[1]] + 5 * [self.save.strides[0]]
         stored = self.stored._asdict().items()
         planned = {
             name: rows[: done // every + 1]
             for (name, rows), every in zip(stored, strides, strict=True)
         }
         planned |= {"boundaries": np.tile(self.boundaries[0], (cycles + 1, 1))} | self.mark()
-        if self.normal_force_peak.size:
-            planned["normal_force"] = self.normal_force[: len(planned["u"])]
-            planned["limits"] = self.limits[: len(planned["u"])]
         check_like(saved, planned, "recorder")
         counts = {"rows": len(planned["point_u"]), "field_rows": len(planned["u"])}
         for name, count in (counts | {"cycles": cycles + 1}).items():
@@ -759,9 +762,6 @@ class Recorder:
         for name, rows in self.stored._asdict().items():
             if name in saved:
                 rows[: len(saved[name])] = saved[name]
-        for name in ("normal_force", "limits"):
-            if name in saved:
-                getattr(self, name)[: len(saved[name])] = saved[name]
         for name in _SUMS:
             getattr(self, name)[...] = saved[name]
         for name in _NUMBERS:
@@ -815,21 +815,19 @@ class Recorder:
         """
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
-        w, stored_limits = self.system.contact.w, self.limits
-        if not self.limits.size:
-            stored_limits = np.broadcast_to(w, (self.field_rows, w.size))
+        w, filled = self.system.contact.w, self._filled()
+        if not self.system.contact.opens:
+            filled["limits"] = np.broadcast_to(w, (self.field_rows, w.size))
         return Run(
             system=self.system,
             times=times,
             amplitudes=self.system.load_amplitudes(times).T,
             field_times=self.h * fields_every * np.arange(self.field_rows, dtype=np.float64),
-            **self._filled(),
+            **filled,
             input_work=self.input_work,
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),
             impact_work=float(self.impact_work[0]),
-            normal_force=self.normal_force[: self.field_rows],
-            limits=stored_limits[: self.field_rows],
             normal_force_peak=self.normal_force_peak,
             normal_force_least=self.normal_force_least,
             friction_work=self.friction_work,
@@ -840,7 +838,7 @@ class Recorder:
             slider_peak=self._slid,
             final=Final(u.copy(), v.copy()),
             final_sigma=sigma.copy(),
-            final_limits=np.array(self.system.contact.w if limits is None else limits),
+            final_limits=np.array(w if limits is None else limits),
             counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),
             **others,
         )

@@ -99,10 +99,11 @@ class CompiledStepper(Stepper):
             changing = s.contact.opens
             taken = s.contact.spring_flexibility if changing else s.contact.spring_stretch
             stretch = self.placed(taken)
-        self.loop_system = M, C, K, loads, observed, joints, *places, stretch
-        self.loop_contact: Any = loop_contact.Constant(own.limits, *3 * [np.zeros(0)])
+        weight: FloatArray = own.limits
+        self.opening: Any = None  # elastic contact that opens
         if not isinstance(self.forces, ConstantForces):
-            self.loop_contact = self.forces.in_loop(own.places, share.size)
+            weight, self.opening = np.ones(rows), self.forces.in_loop(own.places, share.size)
+        self.loop_system = M, C, K, loads, observed, joints, *places, stretch, weight
 
     def new_problem(self, c: Coefficients) -> CompiledStepProblem:
         """See `Stepper`."""
@@ -164,9 +165,9 @@ class CompiledStepper(Stepper):
         c, r = self.coefficients(h), self.recorder
         problem = cast("CompiledStepProblem", self.problem(c))
         problem.resume(self.now.v, self.now.sigma)
-        contact = self.loop_contact
+        opening = self.opening
         if not isinstance(self.forces, ConstantForces):
-            contact = self.forces.enter_loop(contact, cast("PrimalDualNewton", problem), r)
+            opening = self.forces.enter_loop(opening, cast("PrimalDualNewton", problem), r)
         counted = np.array([self.counts[name] for name in self.COUNTS])
         steps, rows, field_rows, residual, unknown = time_loop(
             len(amplitudes) - 1,
@@ -176,7 +177,7 @@ class CompiledStepper(Stepper):
             self.loop_system,
             problem.kernel,
             problem.workspace,
-            contact,
+            opening,
             self.tolerance,
             amplitudes,
             tuple(self.now),
@@ -188,7 +189,7 @@ class CompiledStepper(Stepper):
         r.rows += rows
         r.field_rows += field_rows
         if not isinstance(self.forces, ConstantForces):
-            self.forces.leave_loop(contact, self.own.places, r)
+            self.forces.leave_loop(opening, self.own.places, r)
         self.counts |= dict(zip(self.COUNTS, counted.tolist(), strict=True))
         self.failure = FailedStep(residual, unknown)
         if steps > 0:
@@ -198,7 +199,7 @@ class CompiledStepper(Stepper):
 
 @compiled
 def time_loop(
-    n_steps, first_step, strides, c, system, problem, workspace, contact, tolerance, amplitude,
+    n_steps, first_step, strides, c, system, problem, workspace, opening, tolerance, amplitude,
     state, loop, sums, stored, counts,
 ):  # fmt: skip
     """Advance ``n_steps`` equal steps in place; add up works and peaks, and store rows.
@@ -214,13 +215,14 @@ def time_loop(
     system : tuple
         M, C and K (Bands or Full); load vectors and named points (CompressedRows); the joints, as
         in `Recorder`, with the points of the step problem; the places of the system's slip rows and
-        contact points among those of the step problem; and the slip that the spring in series of
-        each row of the step problem takes under the friction limit, m, or, where limits follow
-        normal forces, under a unit force: 0 for none, empty if there are no springs.
+        contact points among those of the step problem; the slip that the spring in series of each
+        row of the step problem takes under the friction limit, m, or, where limits follow normal
+        forces, under a unit force: 0 for none, empty if there are no springs; and what friction
+        is over in the loop: the friction limit of each row, N, or, where limits follow, one.
     problem, workspace : named tuple
         Arguments of `minimise_step`.
-    contact : named tuple
-        Limits and normal forces, see `loop_contact`.
+    opening : Opening or None
+        Where elastic contact opens: limits follow its forces.
     tolerance : float
     amplitude : ndarray, shape (n_steps + 1, loads)
         Load amplitudes at the steps' ends, N.
@@ -237,13 +239,13 @@ def time_loop(
         numba makes one by calling Python, where a pending Ctrl-C is raised, and does not check for
         that before it uses the result.)
     """
-    M, C, K, loads, observed, joints, row_place, point_place, stretch = system
+    M, C, K, loads, observed, joints, row_place, point_place, stretch, weight = system
     u, v, a, d, sigma = state
     load_start, load_column, load_value = loads
     input_work, dissipated, friction_work, peak, slip_peaks, strain_peak = sums
     joint_start, joint_point, joint_value, joint_share, joint_sliding, joint_creep = joints
-    stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
-    by_joint, joint_slip, joint_slipping = stored[6:]
+    stored_u, stored_v, stored_sigma, worked, stored_p, stored_limits = stored[:6]
+    stored_point_u, stored_point_v, by_joint, joint_slip, joint_slipping = stored[6:]
     right, image, y, change, v_mean, v_change, slip_change, slip_now = loop[:8]
     work, slip_size, force_size, slip_peak, moved, seen = loop[8:]
     v_new, sigma_new = workspace.velocity, workspace.force
@@ -252,13 +254,14 @@ def time_loop(
         work[point_place[j]] = friction_work[j]
         slip_peak[point_place[j]] = slip_peaks[j]
     steps, rows, field_rows, residual, unknown = 0, 0, 0, 0.0, 0
-    sprung = stretch.size > 0
+    sprung, force, new_force = stretch.size > 0, sigma, sigma_new
+    if opening is not None:
+        force, new_force = opening.force, opening.new_force
     for step in range(1, n_steps + 1):
         if sprung:
             for i in range(n):
                 change[i] = c.u_v * v[i] + c.u_a * a[i]
             known = slips(problem, change, slip_change)
-            force = loop_contact.before(contact, sigma, contact.force)
             for q in range(stretch.size):
                 free = -(known[q] + stretch[q] * force[q]) / c.c_K
                 workspace.offset[q] = free if stretch[q] > 0.0 else 0.0
@@ -272,7 +275,8 @@ def time_loop(
         for k in range(load_start.size - 1):
             for e in range(load_start[k], load_start[k + 1]):
                 right[load_column[e]] += amplitude[step, k] * load_value[e]
-        loop_contact.approach(contact, c.c_K, u, right)
+        if opening is not None:
+            loop_contact.approach(opening, problem.normal, c.c_K, u, right)
         outcome = minimise_step(problem, workspace, right, v, tolerance)
         counts[0] += outcome.newton_iterations
         counts[1] += outcome.nested_solves
@@ -309,23 +313,27 @@ def time_loop(
         )
         _add_input_work(loads, amplitude[step - 1], amplitude[step], change, moved, input_work)
         slip_moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
-        force = loop_contact.before(contact, sigma, contact.force)
-        new_force = loop_contact.at_end(contact, sigma_new, contact.new_force)
+        if opening is not None:
+            loop_contact.at_end(opening, problem.contact.w, sigma_new)
         if sprung:  # sliders slip by what their springs leave
             for q in range(stretch.size):
                 slip_moved[q] -= stretch[q] * (new_force[q] - force[q])
-        _add_friction_work(contact.weight, force, new_force, slip_moved, work)
-        loop_contact.add_normal_work(contact, change, dissipated)
+        _add_friction_work(weight, force, new_force, slip_moved, work)
         raise_to_norms(slip_peak, slip)
-        loop_contact.raise_slider_peaks(contact, stretch, slip, slip_change)
+        if opening is not None:
+            loop_contact.add_normal_work(opening, problem.normal, change, dissipated)
+            loop_contact.raise_slider_peaks(opening, stretch, slip, slip_change)
         if strain_peak.size > 0:
             product(K, u, image)
-            strain = 0.5 * dot(u, image) + loop_contact.potential(contact, u)
+            strain = 0.5 * dot(u, image)
+            if opening is not None:
+                strain += loop_contact.potential(opening, problem.normal.p, u)
             for q in range(stretch.size):
-                pulled = contact.weight[q] * new_force[q]
+                pulled = weight[q] * new_force[q]
                 strain += 0.5 * stretch[q] * pulled * new_force[q]
             strain_peak[0] = max(strain_peak[0], strain)
-        loop_contact.follow(contact)
+        if opening is not None:
+            loop_contact.follow(opening, problem.normal.p, problem.contact.w)
         for q in range(sigma.size):
             sigma[q] = sigma_new[q]
         product(observed, u, seen)
@@ -340,9 +348,10 @@ def time_loop(
             if joint_slip.shape[0] > 0:
                 point_norms(slip, slip_size)
                 point_norms(sigma, force_size)
-                share = loop_contact.shares(
-                    contact, joint_start, joint_point, joint_value, joint_share, contact.share
-                )
+                share = joint_share
+                if opening is not None:
+                    share = opening.share
+                    loop_contact.share_now(opening, joint_start, joint_point, joint_value)
                 _joint_slips(
                     joint_start, joint_point, share, joint_sliding, joint_creep,
                     (first_step + step) * c.h, work, slip_size, force_size, joint_slip[rows],
@@ -357,7 +366,10 @@ def time_loop(
                 stored_sigma[field_rows, j] = sigma[row_place[j]]
             for j in range(point_place.size):
                 worked[field_rows, j] = work[point_place[j]]
-            loop_contact.store_forces(contact, field_rows, point_place)
+            if opening is not None:
+                loop_contact.store_forces(
+                    opening, point_place, stored_p[field_rows], stored_limits[field_rows]
+                )
             field_rows += 1
     for j in range(point_place.size):
         friction_work[j] = work[point_place[j]]
