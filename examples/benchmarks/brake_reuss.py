@@ -10,12 +10,11 @@ extended periodic motion, with rough contact of asperities that yield, friction 
 """
 
 import sys
-import time
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from benchmarks import EXAMPLES, head, row
+from benchmarks import EXAMPLES, cpu_seconds, head, row
 
 # isort: split
 
@@ -54,9 +53,7 @@ def main(arguments):
     seconds, notes = {}, []
     for contact in ("constant", "unilateral"):
         system = beam(contact, mesh).system(points=["upper_end"])
-        begin = time.perf_counter()
-        (curve,) = sj.backbone(system, modes=[7], levels=levels)
-        seconds[contact] = time.perf_counter() - begin
+        (curve,), seconds[contact] = cpu_seconds(sj.backbone, system, modes=[7], levels=levels)
         reach = np.abs(curve.displacement).max(axis=1)
         values = [
             np.interp(PLACES, reach, value)
@@ -64,15 +61,16 @@ def main(arguments):
         ]
         shown = [f"{f:.1f} Hz, {d:.2f} %" for f, d in zip(*values, strict=True)]
         row(f"`{contact}`", f"{curve.stuck_frequency:.1f}", *shown)
-        errors = " and ".join(
-            f"{100.0 * error:.2g} % in {name.removesuffix('_ratio')}"
-            for name, error in curve.estimated.items()
-        )
-        notes.append(
-            f"{contact}: {system.n} unknowns, {levels} levels in {seconds[contact]:.0f} s"
-            + (f", errors of the cycles {errors}" if errors else "")
-            + ("" if curve.opened is None else f", up to {100.0 * curve.opened.max():.3g} % opens")
-        )
+        said = [f"{system.n} unknowns, {levels} levels in {seconds[contact]:.0f} s"]
+        if curve.estimated:
+            errors = (
+                f"{100.0 * error:.2g} % in {name.removesuffix('_ratio')}"
+                for name, error in curve.estimated.items()
+            )
+            said.append(f"errors of the cycles {' and '.join(errors)}")
+        if curve.opened is not None:
+            said.append(f"up to {100.0 * curve.opened.max():.3g} % opens")
+        notes.append(f"{contact}: {', '.join(said)}")
     for name, ((_, stuck, _), (_, f, damping)) in PUBLISHED.items():
         row(name, f"{stuck:.1f}", "", "", "", "", f"{f:.1f} Hz, {damping:.2f} %", "")
     print()

@@ -17,13 +17,12 @@ elements of first order have.
 
 import argparse
 import sys
-import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from benchmarks import head, row
+from benchmarks import cpu_seconds, head, row
 
 # isort: split
 
@@ -37,13 +36,10 @@ import skfem_joint as sj
 KINDS = ("tetrahedra", "hexahedra", "triangles", "quadrilaterals")
 SCENES = ("cantilever", "lap", "preload", "opens")
 STEEL = sj.Material(E=200e9, density=7800.0, poisson=0.3)
+#: Width and thickness of the cantilever and of the plates, mm, and the force at their ends, N.
+SIZES = {"cantilever": (30.0, 10.0, 1.0)} | dict.fromkeys(SCENES[1:], (10.0, 5.0, 12.0))
 LAPPED = (120.0, 140.0, 160.0, 180.0)
 PLAIN = {"order": 1, "incompatible": False}
-
-
-def wide_of(scene):
-    """Width of the parts, mm."""
-    return 30.0 if scene == "cantilever" else 10.0
 
 
 def mesh_of(scene, kind, size, folder, order=1, divided=1):
@@ -58,7 +54,7 @@ def mesh_of(scene, kind, size, folder, order=1, divided=1):
     for prefix, where in plates.items():
         gmsh.initialize()
         gmsh.option.setNumber("General.Terminal", 0)
-        _plate(gmsh, wide_of(scene), prefix, *where, solid, bricks, size, divided)
+        _plate(gmsh, SIZES[scene][0], prefix, *where, solid, bricks, size, divided)
         for limit in ("Max", "Min"):
             gmsh.option.setNumber(f"Mesh.MeshSize{limit}", size)
         gmsh.model.mesh.generate(3 if solid else 2)
@@ -118,7 +114,7 @@ def _plate(gmsh, wide, prefix, places, low, deep, solid, bricks, size, divided):
 def structure_of(scene, mesh, **options):
     """Jointed structure of a scene on a mesh."""
     if mesh.dim == 2:
-        options["thickness"] = 1e-3 * wide_of(scene)
+        options["thickness"] = 1e-3 * SIZES[scene][0]
     if scene == "cantilever":
         return sj.Structure(mesh, STEEL, fixed=["left"], **options)
     on = {"on": "upper_contact", "against": "lower_contact", "friction": 0.3}
@@ -131,24 +127,18 @@ def structure_of(scene, mesh, **options):
 
 
 def results(scene, mesh, **options):
-    """Unknowns, time, first frequencies, tip and friction energy of a slow cycle; structure."""
-    start = time.process_time()
+    """Unknowns, first frequencies, tip and friction energy of a slow cycle; structure."""
     structure = structure_of(scene, mesh, **options)
     end = "right" if scene == "cantilever" else "upper_right"
     across = (0.0,) * (mesh.dim - 1) + (1.0,)
-    system = structure.system([sj.Load(end, sj.Harmonic(FORCE[scene], 1.0), across)], [])
+    system = structure.system([sj.Load(end, sj.Harmonic(SIZES[scene][2], 1.0), across)], [])
     frequencies = sj.natural_modes(system, 6, joints="stuck").frequencies
     if scene == "cantilever":
         tip, lost = float(system.P[0] @ spsolve(system.K.tocsc(), system.loads[0].vector)), None
     else:
         run = sj.quasi_static(system, cycles=2, steps_per_cycle=24)
         tip, lost = run.peak_of(end), float(run.cycles.friction[-1].sum())
-    taken = time.process_time() - start
-    return system.n, taken, frequencies, tip, lost, structure
-
-
-#: Amplitude of the force at the end, N.
-FORCE = {"cantilever": 1.0, "lap": 12.0, "preload": 12.0, "opens": 12.0}
+    return system.n, frequencies, tip, lost, structure
 
 
 def percent(value, other):
@@ -157,16 +147,17 @@ def percent(value, other):
 
 def compare(scene, kind, folder):
     """Print the rows of a scene with a kind of elements; time and error (%) of both choices."""
-    deep = 10.0 if scene == "cantilever" else 5.0
+    deep = SIZES[scene][1]
     fine = "hexahedra" if kind in KINDS[:2] else "quadrilaterals"
     size, divided = (5.0, 2) if fine == "hexahedra" else (deep / 8, 2)
     best = results(scene, mesh_of(scene, fine, size, folder, 2, divided), order=2)
-    _, _, exact, tip, lost, _ = best
+    _, exact, tip, lost, _ = best
     found = []
     for layers in (1,) if scene == "preload" and kind in KINDS[:2] else (1, 2):
         mesh = mesh_of(scene, kind, deep / layers, folder)
         for name, options in {"plain": PLAIN, "default": {}}.items():
-            n, taken, frequencies, moved, energy, structure = results(scene, mesh, **options)
+            found_here, taken = cpu_seconds(results, scene, mesh, **options)
+            n, frequencies, moved, energy, structure = found_here
             error = 100.0 * np.abs(frequencies / exact - 1.0).max()
             stated = structure.mesh_error
             row(
@@ -180,9 +171,6 @@ def compare(scene, kind, folder):
 
 def draw(found, file):
     """Picture of the error of frequencies over the time, four kinds of elements."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from matplotlib import pyplot as plt
 
     figure, panel = plt.subplots(figsize=(6.4, 4.2), layout="constrained")

@@ -34,7 +34,6 @@ import argparse
 import hashlib
 import json
 import time
-from collections.abc import Callable
 from dataclasses import asdict
 from functools import cache, singledispatch
 from typing import Any, NamedTuple
@@ -456,13 +455,6 @@ def _(result):
 # Results
 
 
-class Result(NamedTuple):
-    """A result: largest relative difference that counts as none, and how it is computed."""
-
-    tolerance: float
-    compute: Callable[[], Any]
-
-
 SPRUNG = {"tangential_stiffness": 5e12}
 OPENS = {"contact": "unilateral"}
 ELASTIC = OPENS | {"normal_stiffness": 1e14}
@@ -470,98 +462,92 @@ SOFT = OPENS | {"normal_stiffness": 1e13}
 ARCTAN = {"beta": 100.0}
 IMPULSE = sj.Versine(80e3, 2e-4)
 
-RESULTS = {
-    "bar, full": Result(EXACT, lambda: run(full(bar))),
-    "bar, arctan law": Result(EXACT, lambda: run(full(bar, **ARCTAN))),
-    "bar, rho 0.7": Result(EXACT, lambda: run(full(bar), **DAMPING_SCHEME)),
-    "bar, impulse": Result(EXACT, lambda: pulse(full(bar, load=IMPULSE), 5e-6)),
-    "bar, springs": Result(EXACT, lambda: run(full(bar, **SPRUNG))),
-    "bar, springs, rho 0.7": Result(EXACT, lambda: run(full(bar, **SPRUNG), **DAMPING_SCHEME)),
-    "bar, condensed": Result(EXACT, lambda: run(condensed(bar))),
-    "bar, reduced": Result(OTHER, lambda: run(reduced(bar, 8))),
-    "bar, range": Result(OTHER, lambda: run(in_range())),
-    "bar, steady": Result(OTHER, lambda: steady(full(bar))),
-    "bar, springs, steady": Result(OTHER, lambda: steady(full(bar, **SPRUNG))),
-    "bar, quasi-static": Result(EXACT, lambda: slow(full(bar))),
-    "bar, springs, quasi-static": Result(EXACT, lambda: slow(full(bar, **SPRUNG))),
-    "bar, backbone": Result(OTHER, lambda: curve(full(bar))),
-    "bar, range, backbone": Result(OTHER, lambda: curve(for_range(), levels=3)),
-    "bar, springs, derivatives": Result(
-        OTHER,
-        lambda: differentiated(
+#: How each result is computed, by the largest relative difference that counts as none.
+COMPUTED = {
+    EXACT: {
+        "bar, full": lambda: run(full(bar)),
+        "bar, arctan law": lambda: run(full(bar, **ARCTAN)),
+        "bar, rho 0.7": lambda: run(full(bar), **DAMPING_SCHEME),
+        "bar, impulse": lambda: pulse(full(bar, load=IMPULSE), 5e-6),
+        "bar, springs": lambda: run(full(bar, **SPRUNG)),
+        "bar, springs, rho 0.7": lambda: run(full(bar, **SPRUNG), **DAMPING_SCHEME),
+        "bar, condensed": lambda: run(condensed(bar)),
+        "bar, quasi-static": lambda: slow(full(bar)),
+        "bar, springs, quasi-static": lambda: slow(full(bar, **SPRUNG)),
+        "bar, natural modes": lambda: sj.natural_modes(full(bar), 6, joints="stuck"),
+        "plan, full": lambda: run(full(plan)),
+        "plan, arctan law": lambda: run(full(plan, **ARCTAN)),
+        "plan, springs": lambda: run(full(plan, **SPRUNG)),
+        "plan, condensed": lambda: run(condensed(plan)),
+        "plan, condensed, springs": lambda: run(condensed(plan, **SPRUNG)),
+        "lap, full": lambda: run(full(lap)),
+        "lap, condensed": lambda: run(condensed(lap)),
+        "lap, opens": lambda: run(full(lap, **OPENS)),
+        "lap, opens, condensed": lambda: run(condensed(lap, **OPENS)),
+        "lap, opens, springs, continued": lambda: continued(full(lap, **ELASTIC, **SPRUNG)),
+        "block, opens": lambda: run(full(block)),
+        "block, opens, arctan law": lambda: run(full(block, **ARCTAN)),
+        "block, opens, impulse, rho 0.7": lambda: pulse(
+            full(block, lift=0.4, made=lambda peak: sj.Versine(peak, 5e-5)), 2e-6, **DAMPING_SCHEME
+        ),
+        "block, opens, condensed": lambda: run(condensed(block)),
+        "block, opens, springs": lambda: run(full(block, **SPRUNG)),
+        "block, elastic": lambda: run(full(block, **ELASTIC)),
+        "block, elastic, condensed": lambda: run(condensed(block, **ELASTIC)),
+        "block, elastic, springs": lambda: run(full(block, **ELASTIC, **SPRUNG)),
+        "block, opens, quasi-static": lambda: slow(full(block)),
+        "block, elastic, springs, quasi-static": lambda: slow(full(block, **ELASTIC, **SPRUNG)),
+        "solid, preload": lambda: solid.__wrapped__()[0],
+        "solid, full": lambda: run(full(solid), 2),
+        "solid, condensed": lambda: run(condensed(solid), 2),
+        "solid, opens": lambda: run(full(solid, **OPENS), 2),
+        "solid, opens, condensed": lambda: run(condensed(solid, **OPENS), 2),
+        "matrices, rows of all kinds": lambda: run(given_rows(), 4),
+        "matrices, Iwan": lambda: run(iwan(), 4),
+        "matrices, Iwan, quasi-static": lambda: slow(iwan(60.0)),
+        "matrices, basis of scikit-fem, opens": lambda: run(own_basis()),
+    },
+    OTHER: {
+        "bar, reduced": lambda: run(reduced(bar, 8)),
+        "bar, range": lambda: run(in_range()),
+        "bar, steady": lambda: steady(full(bar)),
+        "bar, springs, steady": lambda: steady(full(bar, **SPRUNG)),
+        "bar, backbone": lambda: curve(full(bar)),
+        "bar, range, backbone": lambda: curve(for_range(), levels=3),
+        "bar, springs, derivatives": lambda: differentiated(
             bar(**SPRUNG), ["joint[0].friction", "joint[0].tangential_stiffness", "material.E"]
         ),
-    ),
-    "bar, ring-down": Result(OTHER, lambda: ring(full(bar))),
-    "bar, response": Result(OTHER, lambda: response(full(bar), [1300.0, 1700.0, 2900.0])),
-    "bar, fit": Result(OTHER, fitted),
-    "bar, natural modes": Result(EXACT, lambda: sj.natural_modes(full(bar), 6, joints="stuck")),
-    "plan, full": Result(EXACT, lambda: run(full(plan))),
-    "plan, arctan law": Result(EXACT, lambda: run(full(plan, **ARCTAN))),
-    "plan, springs": Result(EXACT, lambda: run(full(plan, **SPRUNG))),
-    "plan, condensed": Result(EXACT, lambda: run(condensed(plan))),
-    "plan, condensed, springs": Result(EXACT, lambda: run(condensed(plan, **SPRUNG))),
-    "plan, reduced": Result(OTHER, lambda: run(reduced(plan, 8))),
-    "plan, reduced by a run": Result(OTHER, lambda: run(on_own_run(plan))),
-    "plan, steady": Result(OTHER, lambda: steady(full(plan))),
-    "plan, backbone": Result(OTHER, lambda: curve(full(plan))),
-    "lap, full": Result(EXACT, lambda: run(full(lap))),
-    "lap, condensed": Result(EXACT, lambda: run(condensed(lap))),
-    "lap, reduced": Result(OTHER, lambda: run(reduced(lap, 8, bent=False))),
-    "lap, opens": Result(EXACT, lambda: run(full(lap, **OPENS))),
-    "lap, opens, condensed": Result(EXACT, lambda: run(condensed(lap, **OPENS))),
-    "lap, opens, springs, continued": Result(
-        EXACT, lambda: continued(full(lap, **ELASTIC, **SPRUNG))
-    ),
-    "block, opens": Result(EXACT, lambda: run(full(block))),
-    "block, opens, arctan law": Result(EXACT, lambda: run(full(block, **ARCTAN))),
-    "block, opens, impulse, rho 0.7": Result(
-        EXACT,
-        lambda: pulse(
-            full(block, lift=0.4, made=lambda peak: sj.Versine(peak, 5e-5)),
-            2e-6,
-            **DAMPING_SCHEME,
+        "bar, ring-down": lambda: ring(full(bar)),
+        "bar, response": lambda: response(full(bar), [1300.0, 1700.0, 2900.0]),
+        "bar, fit": fitted,
+        "plan, reduced": lambda: run(reduced(plan, 8)),
+        "plan, reduced by a run": lambda: run(on_own_run(plan)),
+        "plan, steady": lambda: steady(full(plan)),
+        "plan, backbone": lambda: curve(full(plan)),
+        "lap, reduced": lambda: run(reduced(lap, 8, bent=False)),
+        "block, opens, steady": lambda: steady(full(block)),
+        "block, elastic, response": lambda: response(
+            condensed(block, **ELASTIC), [2000.0, 2500.0], 40
         ),
-    ),
-    "block, opens, condensed": Result(EXACT, lambda: run(condensed(block))),
-    "block, opens, springs": Result(EXACT, lambda: run(full(block, **SPRUNG))),
-    "block, elastic": Result(EXACT, lambda: run(full(block, **ELASTIC))),
-    "block, elastic, condensed": Result(EXACT, lambda: run(condensed(block, **ELASTIC))),
-    "block, elastic, springs": Result(EXACT, lambda: run(full(block, **ELASTIC, **SPRUNG))),
-    "block, elastic, reduced": Result(ROUND_OFF, lambda: run(reduced(block, "all", **ELASTIC))),
-    "block, opens, steady": Result(OTHER, lambda: steady(full(block))),
-    "block, elastic, response": Result(
-        OTHER, lambda: response(condensed(block, **ELASTIC), [2000.0, 2500.0], 40)
-    ),
-    "block, opens, quasi-static": Result(EXACT, lambda: slow(full(block))),
-    "block, elastic, springs, quasi-static": Result(
-        EXACT, lambda: slow(full(block, **ELASTIC, **SPRUNG))
-    ),
-    "solid, preload": Result(EXACT, lambda: solid.__wrapped__()[0]),
-    "solid, full": Result(EXACT, lambda: run(full(solid), 2)),
-    "solid, condensed": Result(EXACT, lambda: run(condensed(solid), 2)),
-    "solid, reduced": Result(OTHER, lambda: run(reduced(solid, 8, held=True), 2)),
-    "solid, opens": Result(EXACT, lambda: run(full(solid, **OPENS), 2)),
-    "solid, opens, condensed": Result(EXACT, lambda: run(condensed(solid, **OPENS), 2)),
-    "solid, elastic, reduced": Result(
-        ROUND_OFF, lambda: run(reduced(solid, "all", held=True, **SOFT), 2, **DAMPING_SCHEME)
-    ),
-    "solid, opens, backbone": Result(OTHER, lambda: curve(full(solid, **OPENS), levels=3)),
-    "solid, opens, derivatives": Result(
-        OTHER,
-        lambda: differentiated(
+        "solid, reduced": lambda: run(reduced(solid, 8, held=True), 2),
+        "solid, opens, backbone": lambda: curve(full(solid, **OPENS), levels=3),
+        "solid, opens, derivatives": lambda: differentiated(
             solid(**ELASTIC, **SPRUNG),
             ["joint[0].friction", "bolt[*].force", "joint[0].normal_stiffness"],
             3,
         ),
-    ),
-    "solid, opens, ring-down": Result(OTHER, lambda: ring(condensed(solid, **OPENS), 6)),
-    "matrices, rows of all kinds": Result(EXACT, lambda: run(given_rows(), 4)),
-    "matrices, Iwan": Result(EXACT, lambda: run(iwan(), 4)),
-    "matrices, Iwan, quasi-static": Result(EXACT, lambda: slow(iwan(60.0))),
-    "matrices, Iwan, backbone": Result(OTHER, lambda: curve(iwan())),
-    "matrices, basis of scikit-fem, opens": Result(EXACT, lambda: run(own_basis())),
+        "solid, opens, ring-down": lambda: ring(condensed(solid, **OPENS), 6),
+        "matrices, Iwan, backbone": lambda: curve(iwan()),
+    },
+    ROUND_OFF: {
+        "block, elastic, reduced": lambda: run(reduced(block, "all", **ELASTIC)),
+        "solid, elastic, reduced": lambda: run(
+            reduced(solid, "all", held=True, **SOFT), 2, **DAMPING_SCHEME
+        ),
+    },
 }
+RESULTS = {name: make for made in COMPUTED.values() for name, make in made.items()}
+TOLERANCES = {name: largest for largest, made in COMPUTED.items() for name in made}
 
 
 def measured(name, timed=True):
@@ -569,7 +555,7 @@ def measured(name, timed=True):
     times, begin = [], time.perf_counter()
     while True:
         start = time.perf_counter()
-        found = content(RESULTS[name].compute())
+        found = content(RESULTS[name]())
         end = time.perf_counter()
         times.append(end - start if found.time is None else found.time)
         few = len(times) < LEAST or (end - begin < ENOUGH and len(times) < MOST)
@@ -611,10 +597,10 @@ def changed_counters(one, other):
 def compare(name, before, now):
     """Print a row on a result; whether its numbers agree."""
     apart, where = difference(before["numbers"], now["numbers"])
-    agrees = apart <= RESULTS[name].tolerance
+    agrees = apart <= TOLERANCES[name]
     same = before["bits"] == now["bits"]
     cells = ["equal" if same else "differ", f"{apart:.1e} {where}" if apart else "0"]
-    cells += ["" if agrees else f"above {RESULTS[name].tolerance:.0e}"]
+    cells += ["" if agrees else f"above {TOLERANCES[name]:.0e}"]
     cells += ["; ".join(changed_counters(before["counters"], now["counters"])) or "unchanged"]
     cells += [f"{now['time']:.4g} {now['unit']}" if "time" in now else ""]
     known = "time" in before and "time" in now

@@ -2,35 +2,32 @@
 
     python examples/benchmarks/harmonic_response.py [PART ...] [--systems N] [--quick]
 
-Parts are plates, fold, springs and random, all if none is named. The plates are those of
+Parts are plates, fold and random, all if none is named. The plates are those of
 ``solid_lap_joint.toml`` with a free lower end, bent by a force there, with contact that opens: a
 reduced model of 33 unknowns, up to full slip. *plates* compares its responses at four levels, with
 at most 39 and 79 harmonics, with time steps, extrapolated from 800 and 1,600 in a period, which
 have the same springs of sticking, start on the motion that harmonic balance found and forget it.
-*fold* passes the turning points of
-an oscillator with a gap, beside time steps up and down. *springs* shows at one frequency what the
-springs, the step and the law of friction do to the friction energy. *random* draws reduced systems
-with contact that opens and counts the points that harmonic balance finds without marching. Times
-are of one thread's processor.
+*fold* passes the turning points of an oscillator with a gap, beside time steps up and down.
+*random* draws reduced systems with contact that opens and counts the points that harmonic balance
+finds without marching. Times are of one thread's processor.
 """
-
-import os
-
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import argparse
 import sys
-import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import cpu_seconds, head, row
+
+# isort: split
 
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import EXAMPLES, head, row
+from benchmarks.structures import STEEL, bent_lap
 from skfem_joint.ground.progress import Tally, silent
 from skfem_joint.harmonic.points import state_of
 from skfem_joint.harmonic.response import STICKING
@@ -48,11 +45,7 @@ PERIODS = 160
 @cache
 def plates():
     """Reduced model of two bolted plates in bending, under 1 N."""
-    structure = sj.load_scene(EXAMPLES / "solid_lap_joint.toml").structure()
-    joints = [replace(joint, contact="unilateral") for joint in structure.joints]
-    structure = replace(structure, joints=joints, fixed_y=[], fixed_z=[])
-    load = sj.Load("lower_end", sj.Harmonic(1.0, 84.0), (0.0, 0.0, 1.0))
-    system = structure.system([load])
+    system = bent_lap(1.0, 84.0)
     (curve,) = sj.backbone(system, modes=[1])
     return replace(sj.reduce(system, curve=curve), made_for="", origin=None)
 
@@ -72,16 +65,14 @@ def settled(search, level, shares, finer=()):
 
     Each is found with the search, then with each ``finer`` one.
     """
-    begin = time.process_time()
-    places = [item for item in search.branches(level)[0] if not isinstance(item, sj.SteadyPoint)]
-    each = (time.process_time() - begin) / len(places)
+    branches, spent = cpu_seconds(search.branches, level)
+    places = [item for item in branches[0] if not isinstance(item, sj.SteadyPoint)]
+    each = spent / len(places)
     reach = np.array([np.linalg.norm(place.q[1:]) for place in places])
     for share in shares:
         place = places[int(np.abs(reach - share * reach.max()).argmin())]
         for one in (search, *finer):
-            begin = time.process_time()
-            found = one.settled(place, level, 0.0)
-            spent = time.process_time() - begin
+            found, spent = cpu_seconds(one.settled, place, level, 0.0)
             state = state_of(found.forced.balance, found.place.q, found.place.omega)
             yield found, state, each, spent
 
@@ -102,16 +93,17 @@ def print_plates(quick, _systems):
         for number, (one, state, *spent) in enumerate(
             settled(search, level, (1.0, 0.5)[: 2 - quick], finer)
         ):
-            point, begin = one.point, time.process_time()
+            point = one.point
             if number % (1 + len(finer)) == 0:
-                both = [
-                    followed(
-                        search.system, point.frequency, level, state, n, 6 if quick else PERIODS
-                    )
-                    for n in ((40,) if quick else (800, 1600))
-                ]
-                steps = (4.0 * np.array(both[-1]) - both[0]) / 3.0
-            by_steps = time.process_time() - begin
+                load = search.system, point.frequency, level, state
+                (coarse, first), (fine, second) = (
+                    cpu_seconds(followed, *load, n, 6 if quick else PERIODS)
+                    for n in ((20, 40) if quick else (800, 1600))
+                )
+                steps = (4.0 * np.array(fine) - coarse) / 3.0
+                by_steps = first + second
+            else:
+                by_steps = 0.0
             row(
                 f"{level:g}", f"{point.frequency:.3f}", f"{1e3 * steps[0]:.4f}",
                 f"{1e3 * steps[1]:.4f}", "yes" if one.forced.balance.walks else "no",
@@ -122,7 +114,6 @@ def print_plates(quick, _systems):
                 f"{100.0 * one.errors[1]:.2f}",
                 *(f"{x:.2f}" for x in (*spent, by_steps)),
             )  # fmt: skip
-            sys.stdout.flush()
 
 
 def oscillator():
@@ -154,33 +145,6 @@ def print_fold(quick, _systems):
     print(f"\nThe branch turns at {' and '.join(f'{f:.4f}' for f in curve.turns)} Hz.")
 
 
-def print_springs(quick, _systems):
-    """Friction energy at 84 Hz and 40 N by springs, steps and laws."""
-    small = plates()
-    head("friction", "harmonic balance, mJ", *(f"{n} steps" for n in (200, 400, 800)))
-    state = None
-    for factor in (3000.0,) if quick else (300.0, 3000.0, 30000.0):
-        search = Search.of(small, np.array([84.0, 84.5]), factor, Tally(silent, 0))
-        ((one, state, *_),) = settled(search, 40.0, (0.0,))
-        energies = [
-            followed(search.system, 84.0, 40.0, state, steps)[1]
-            for steps in ((20,) if quick else (200, 400, 800))
-        ]
-        row(
-            f"springs of {factor:g}",
-            *(f"{1e3 * e:.2f}" for e in (one.point.friction_energy, *energies)),
-        )
-    energies = [
-        followed(small, 84.0, 40.0, state, steps)[1]
-        for steps in ((20,) if quick else (200, 400, 800))
-    ]
-    row(
-        f"arctan, beta {small.contact.beta.max():.2g} s/m",
-        "",
-        *(f"{1e3 * e:.2f}" for e in energies),
-    )
-
-
 def drawn(seed):
     """Reduced model of a random block that is lifted and pushed at one side, and its frequency."""
     rng = np.random.default_rng(seed)
@@ -191,7 +155,7 @@ def drawn(seed):
     )
     pressure = 10.0 ** rng.uniform(6.5, 8.0)
     structure = sj.Structure(
-        mesh, sj.Material(E=200e9, density=8000.0, poisson=0.3), thickness=0.1, fixed_x=["right"],
+        mesh, STEEL, thickness=0.1, fixed_x=["right"],
         joints=[sj.Joint("base", pressure, rng.uniform(0.2, 0.8), contact="unilateral")],
         stiffness_damping=10.0 ** rng.uniform(-7.0, -6.0),
     )  # fmt: skip
@@ -217,12 +181,10 @@ def print_random(quick, systems):
     costs, apart_all, reasons = [], [], []
     for seed in range(2 if quick else systems):
         system, frequency = drawn(seed)
-        band, begin = frequency * np.linspace(0.9, 1.1, 5), time.process_time()
-        curves = sj.harmonic_response(system, band, (0.5, 1.0), confirm=False)
-        spent, begin = time.process_time() - begin, time.process_time()
+        band = frequency * np.linspace(0.9, 1.1, 5)
+        curves, spent = cpu_seconds(sj.harmonic_response, system, band, (0.5, 1.0), confirm=False)
         points = [point for curve in curves for point in curve.points]
-        other = steady_point(system, frequency, 1.0, 200)
-        searched_in = time.process_time() - begin
+        other, searched_in = cpu_seconds(steady_point, system, frequency, 1.0, 200)
         f = curves[1].column("frequency")
         ours = curves[1].points[int(np.abs(f - frequency).argmin())]
         apart = [
@@ -243,7 +205,6 @@ def print_random(quick, systems):
             "; ".join(reason for curve in curves for reason in curve.why),
             f"{searched_in:.2f}" + "!" * (other.failure is not None), *(f"{x:.2g}" for x in apart),
         )  # fmt: skip
-        sys.stdout.flush()
     (each, searched_in), off = np.median(costs, axis=0), np.array(apart_all)
     middle, most = np.nanmedian(off, axis=0), np.nanmax(off, axis=0)
     print(
@@ -255,12 +216,7 @@ def print_random(quick, systems):
     )
 
 
-PARTS = {
-    "plates": print_plates,
-    "fold": print_fold,
-    "springs": print_springs,
-    "random": print_random,
-}
+PARTS = {"plates": print_plates, "fold": print_fold, "random": print_random}
 
 
 def main(arguments):

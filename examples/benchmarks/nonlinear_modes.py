@@ -18,21 +18,23 @@ The frequency of a slow curve is that of the force at its peak; compared is that
 harmonic of the force, as steady vibration has it.
 """
 
-import os
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import cpu_seconds, head, row
+
+# isort: split
 
 import numpy as np
 from scipy import linalg
 from scipy.interpolate import PchipInterpolator
 
 import skfem_joint as sj
-from benchmarks import EXAMPLES, head, row
+from benchmarks.brake_reuss import beam
+from benchmarks.structures import bent_lap, tip_bar
 from skfem_joint.ground.arrays import as_dense
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally, silent
@@ -83,49 +85,22 @@ def friction_beam(spring=1e7, limit=15.0):
     return sj.System(M, C, K, contact, P=T[-2:-1], points=("tip",))
 
 
-def bar():
-    """Full model of the paper's bar under Coulomb's law, with a tip of 320 t/m3."""
-    strips = [("joint", 0.1, 100), ("linear", 0.48, 90), ("tip", 0.02, 4)]
-    scene = sj.load_scene(EXAMPLES / "structure_harmonic.toml").changed(
-        mesh=sj.build_bar(strips, {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}),
-        material={"regions": {"tip": {"density": 320e3}}},
-        joint={"law": "coulomb"},
-        damping={"ratio": 0.002},
-    )
-    return scene.system(), 1
-
-
-def lap():
-    """Full model of the shipped lap with contact that opens, its lower end free to bend."""
-    structure = sj.load_scene(EXAMPLES / "solid_lap_joint.toml").structure()
-    joints = [replace(joint, contact="unilateral") for joint in structure.joints]
-    structure = replace(structure, joints=joints, fixed_y=[], fixed_z=[])
-    load = sj.Load("lower_end", sj.Harmonic(40.0, 84.0), (0.0, 0.0, 1.0))
-    return structure.system([load]), 1
-
-
-def brake_reuss():
-    """Full model of the Brake-Reuss beam with constant contact."""
-    from benchmarks.brake_reuss import beam
-
-    return beam("constant").system(points=["upper_end"]), 7
-
-
-#: Title and cycles of a ring-down from the highest amplitude, by the function that makes it.
+#: By name: title, full model and number of its mode, and cycles of a ring-down from the highest
+#: amplitude.
 JOINTS = {
-    bar: ("bar with a tip mass", 60),
-    lap: ("lap that opens", 120),
-    brake_reuss: ("Brake-Reuss beam", 50),
-}
+    "bar": ("bar with a tip mass", lambda: tip_bar(100, 90, 4), 1, 60),
+    "lap": ("lap that opens", lambda: bent_lap(40.0, 84.0), 1, 120),
+    "brake_reuss": (
+        "Brake-Reuss beam", lambda: beam("constant").system(points=["upper_end"]), 7, 50,
+    ),
+}  # fmt: skip
 
 
 def published():
     """The virtual beam beside its published figures."""
     system = friction_beam()
     sj.nonlinear_modes(system, amplitudes=TIP[:2], confirm=False)  # compiles
-    begin = time.perf_counter()
-    (mode,) = sj.nonlinear_modes(system, amplitudes=TIP, confirm=False)
-    seconds = time.perf_counter() - begin
+    (mode,), seconds = cpu_seconds(sj.nonlinear_modes, system, amplitudes=TIP, confirm=False)
     head("tip, um", "Hz", "published", "apart", "damping, %", "published", "apart", "stated")
     values = mode.frequency, FREQUENCY, 100.0 * mode.damping_ratio, DAMPING
     stated = 100.0 * mode.error("damping_ratio")
@@ -155,7 +130,8 @@ def beside(x, xs, ys):
 
 def compared(joint):
     """A row for a structure: its mode beside the slow curve, a ring-down, and time steps."""
-    (title, cycles), (full, number) = JOINTS[joint], joint()
+    title, made, number, cycles = JOINTS[joint]
+    full = made()
     (curve,) = sj.backbone(full, modes=[number], levels=77, up_to=0.9)
     model = sj.reduce(full, curve=curve)
     point = int(curve.displacement[-1].argmax())
@@ -163,11 +139,9 @@ def compared(joint):
     amplitudes = np.concatenate(
         [np.geomspace(reach[8], reach[-1], 8), reach[-1] * np.geomspace(1.2, 5.0, 6)]
     )
-    begin = time.process_time()
-    (mode,) = sj.nonlinear_modes(
-        model, modes=[number], amplitudes=amplitudes, at=model.points[point]
+    (mode,), seconds = cpu_seconds(
+        sj.nonlinear_modes, model, modes=[number], amplitudes=amplitudes, at=model.points[point]
     )
-    seconds = time.process_time() - begin
     start = mode.motion(-1)[0]
     down = sj.ring_down(model, mode, cycles, 400, start=(start, 0.0 * start))
     seen, decrement = mode.displaced, mode.decrement
@@ -227,11 +201,7 @@ def block_of(rng):
 
 
 #: Random systems: how each is drawn, with its mode and lowest and highest amplitude.
-DRAWN = {
-    "virtual beam": beam_of,
-    "chain": chain_of,
-    "contact that opens": block_of,
-}
+DRAWN = {"virtual beam": beam_of, "chain": chain_of, "contact that opens": block_of}
 
 
 def finer(system, mode):
@@ -308,7 +278,7 @@ def main(arguments):
         published()
     if "estimates" in arguments:
         estimates(*map(int, arguments[1:]))
-    asked = [x for x in JOINTS if x.__name__ in arguments]
+    asked = [name for name in JOINTS if name in arguments]
     if not asked:
         return
     head(

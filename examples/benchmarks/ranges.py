@@ -17,12 +17,11 @@ joint modes, and follows a path through time.
 
 import argparse
 import sys
-import time
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from benchmarks import head, plates, row, shapes, solids
+from benchmarks import cpu_seconds, head, plates, row, shapes, solids
 
 # isort: split
 
@@ -39,18 +38,13 @@ def bar(fineness=10):
     """A bar with two joints, pulled at its end; elements in a tenth of a metre over 4."""
     parts = ("inner", 0.1, 4), ("between", 0.2, 2), ("outer", 0.1, 4), ("arm", 0.3, 3)
     strips = [(name, length, fineness * count) for name, length, count in parts]
+    joints = [
+        sj.Joint(on, pressure, friction=0.5) for on, pressure in (("inner", 8e6), ("outer", 4e6))
+    ]
     structure = sj.Structure(
-        sj.build_bar(strips, {"fixed": 0.0, "end": 0.7}),
-        sj.Material(E=200e9, density=8000.0),
-        width=0.05,
-        thickness=0.01,
-        fixed=["fixed"],
-        joints=[
-            sj.Joint("inner", pressure=8e6, friction=0.5),
-            sj.Joint("outer", pressure=4e6, friction=0.5),
-        ],
-        stiffness_damping=2e-6,
-    )
+        sj.build_bar(strips, {"fixed": 0.0, "end": 0.7}), sj.Material(E=200e9, density=8000.0),
+        width=0.05, thickness=0.01, fixed=["fixed"], joints=joints, stiffness_damping=2e-6,
+    )  # fmt: skip
     return structure.system([sj.Load("end", sj.Harmonic(1e4, 500.0))])
 
 
@@ -132,6 +126,12 @@ def drawn(system, first, count, seed):
         yield first * rng.uniform(*FREQUENCY), rng.uniform(*SLIP), limits
 
 
+def errors_of(truth, run):
+    """Errors of a run's history and of its friction energy."""
+    errors = sj.compare(truth, run)
+    return errors.displacement_rms, abs(errors.friction_energy_per_cycle)
+
+
 def gross(truth):
     """Whether a joint slips as a whole in a run of an exact model."""
     return truth.system.contact.least_share(truth.slip_peak <= 1e-3 * truth.slip_peak.max()) < 0.01
@@ -145,14 +145,11 @@ def report(name, system, count, seed):
         "frequency": (FREQUENCY[0] * first, fastest),
         "limits": dict.fromkeys(system.contact.joints, FACTORS),
     }
-    begin = time.process_time()
-    small = sj.reduce(system, range=served)
-    made = time.process_time() - begin
+    small, made = cpu_seconds(sj.reduce, system, range=served)
     joint_modes = small.n - len(system.loads)
     middle = sj.at(small, frequency=0.7 * first, slip=0.5).serves.point
-    begin = time.process_time()
-    sj.reduce(sj.at(system, frequency=0.7 * first, level=middle.level), joint_modes)
-    single = time.process_time() - begin
+    alone = sj.at(system, frequency=0.7 * first, level=middle.level)
+    _, single = cpu_seconds(sj.reduce, alone, joint_modes)
     exact = system if name == "bar" else sj.condense(sj.at(system, frequency=fastest, level=1.0))
     cost, apart = [], []
     for frequency, slip, limits in drawn(system, first, 2, seed + 1000):
@@ -161,8 +158,7 @@ def report(name, system, count, seed):
         full, ours = run(sj.at(system, **given)), run(point)
         other = full if name == "bar" else run(sj.at(exact, **given))
         cost.append((full.wall_s, ours.wall_s))
-        errors = sj.compare(full, other)
-        apart.append((errors.displacement_rms, abs(errors.friction_energy_per_cycle)))
+        apart.append(errors_of(full, other))
     true, stated, refused, whole = [], [], 0, 0
     for frequency, slip, limits in drawn(system, first, count, seed):
         try:
@@ -175,8 +171,7 @@ def report(name, system, count, seed):
             continue
         level = point.serves.point.level
         truth = run(sj.at(exact, frequency=frequency, level=level, limits=limits))
-        errors = sj.compare(truth, ours)
-        true.append((errors.displacement_rms, abs(errors.friction_energy_per_cycle)))
+        true.append(errors_of(truth, ours))
         stated.append([known[quantity] for quantity in ASKED])
         whole += gross(truth)
     true, stated = np.array(true), np.array(stated)
@@ -185,23 +180,10 @@ def report(name, system, count, seed):
     counting = np.where(true > 3e-3, stated >= 0.5 * true, True).mean()
     full_ms, our_ms = 1e3 / (CYCLES * STEPS) * np.array(cost).mean(axis=0)
     row(
-        name,
-        system.n,
-        small.n,
-        small.contact.count,
-        f"{made:.0f}",
-        f"{made / single:.1f}",
-        f"{full_ms:.2f}",
-        f"{our_ms:.3f}",
-        f"{full_ms / our_ms:.0f}",
-        f"{good.mean() * 100:.0f}",
-        percent(np.quantile(true[:, 0], [0.5, 0.9, 1.0])),
-        percent(np.quantile(true[:, 1], [0.5, 0.9, 1.0])),
-        percent(half),
-        f"{100 * counting:.1f}",
-        refused,
-        whole,
-        percent(np.max(apart, axis=0)),
+        *(name, system.n, small.n, small.contact.count, f"{made:.0f}", f"{made / single:.1f}"),
+        *(f"{full_ms:.2f}", f"{our_ms:.3f}", f"{full_ms / our_ms:.0f}", f"{good.mean() * 100:.0f}"),
+        *(percent(np.quantile(errors, [0.5, 0.9, 1.0])) for errors in true.T),
+        *(percent(half), f"{100 * counting:.1f}", refused, whole, percent(np.max(apart, axis=0))),
     )
 
 

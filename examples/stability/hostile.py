@@ -40,6 +40,7 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
+from benchmarks import head, row
 from scipy import sparse
 from scipy.io import mmwrite, savemat
 
@@ -437,16 +438,12 @@ def main(arguments=None):
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS)
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    print("| file | kind | damage | status | outcome | s | MiB | sentence |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    head("file", "kind", "damage", "status", "outcome", "s", "MiB", "sentence")
     outcomes, broken, slowest, largest = Counter(), 0, 0.0, 0.0
     for number, verdict in judged(options.kinds, options.count, options.seed, options.out):
         case, sentence = verdict.case, verdict.sentence.replace("|", "/")
-        print(
-            f"| {number} | {case.kind} | {case.damage} | {verdict.status} | {verdict.outcome} | "
-            f"{verdict.seconds:.1f} | {verdict.memory:.0f} | {sentence[-160:]} |",
-            flush=True,
-        )
+        figures = f"{verdict.seconds:.1f}", f"{verdict.memory:.0f}", sentence[-160:]
+        row(number, case.kind, case.damage, verdict.status, verdict.outcome, *figures)
         outcomes[verdict.outcome] += 1
         broken += not verdict.is_right
         slowest, largest = max(slowest, verdict.seconds), max(largest, verdict.memory)

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
+from benchmarks import EXAMPLES, head, row
 
 from skfem_joint.output.record import LIST
 from stability.launch import PATIENCE, command_line, complete, launch
 
-EXAMPLES = Path(__file__).parents[1]
 #: Source scene, times, models and reduction of each kind.
 KINDS = {
     "bar": ("structure_harmonic", "cycles = 60", '"full"', ""),
@@ -170,14 +170,14 @@ def main(arguments=None):
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
     options = parser.parse_args(arguments)
     rng, wrong, wholes = np.random.default_rng(options.seed), [], []
-    print("| kind | kills | of these while it wrote | after resuming |\n| --- | --- | --- | --- |")
+    head("kind", "kills", "of these while it wrote", "after resuming")
     for number, kind in enumerate(options.kinds):
         count = len(range(number, options.kills, len(options.kinds)))
         wholes.append(uninterrupted(kind, options.out / f"kind{number}"))
         # Steps between checkpoints, several of which must be in a run.
         every = 4 if "plate" in kind else 500
         killed, wrote, what = kills(wholes[-1], every, count, rng)
-        print(f"| {kind} | {killed} | {wrote} | {what or 'the same to the bit'} |", flush=True)
+        row(kind, killed, wrote, what or "the same to the bit")
         wrong.append(what)
     if options.pairs:
         refused, what = pairs(wholes[0], options.pairs, rng)

@@ -12,18 +12,20 @@ further off, a search fails, or marching does not settle. (One core: about twent
 pairs, as long again for a pair that settles slowly.)
 """
 
-import os
-
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-
 import argparse
 import sys
+from pathlib import Path
 from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks import head, row  # pins BLAS to one thread
+
+# isort: split
 
 import numpy as np
 
 import skfem_joint as sj
-from skfem_joint.mesh import merged
 
 WIDTH, LAP, PRESSURE = 0.04, 0.1, 8e6  # m, m, Pa
 STEPS = (50, 52, 60, 100)
@@ -55,7 +57,7 @@ class Pair(NamedTuple):
         )  # fmt: skip
         joint = sj.Joint("upper_lap", PRESSURE, self.friction, against="lower_lap", beta=np.inf)
         structure = sj.Structure(
-            merged([lower, upper]),
+            sj.merged([lower, upper]),
             sj.Material(E=210e9, density=7800.0, poisson=0.3),
             joints=[joint],
             thickness=0.01,
@@ -64,8 +66,8 @@ class Pair(NamedTuple):
         )
         force = self.share * self.friction * PRESSURE * LAP * WIDTH
         direction = float(np.cos(self.angle)), float(np.sin(self.angle))
-        return structure.system([sj.Load("upper_right", sj.Harmonic(force, self.frequency),
-                                         direction)])  # fmt: skip
+        load = sj.Load("upper_right", sj.Harmonic(force, self.frequency), direction)
+        return structure.system([load])
 
 
 def draw(count, seed=0):
@@ -121,9 +123,10 @@ def main(arguments, allowed=ALLOWED):
     parser.add_argument("--count", type=int, default=48)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    names = ["steps", "share", "Hz", "ratio", "friction", "arm, mm", "angle", "periods", "marched"]
-    others = "amplitude, um", "apart, %", "offset, um", "of marching"
-    print(("{:>8}" * 9 + "{:>15}{:>11}{:>12}{:>13}").format(*names, *others))
+    head(
+        *("steps", "share", "Hz", "ratio", "friction", "arm, mm", "angle", "periods", "marched"),
+        *("amplitude, um", "apart, %", "offset, um", "of marching", ""),
+    )
     good, largest = 0, 0.0
     for pair in draw(options.count, options.seed):
         system = pair.system()
@@ -136,14 +139,13 @@ def main(arguments, allowed=ALLOWED):
         apart = vibration.amplitude[0] / other.amplitude - 1.0
         holds = abs(apart) + other.changing <= allowed
         good, largest = good + holds, max(largest, abs(apart))
-        judgement = "  UNSETTLED" if other.changing > SETTLED else "  WRONG"
-        print(
-            f"{pair.steps:8}{pair.share:8.3g}{pair.frequency:8.0f}{pair.ratio:8.2g}"
-            f"{pair.friction:8.2f}{1e3 * pair.arm:8.0f}{pair.angle:8.1f}{vibration.periods:8}"
-            f"{other.periods:8}{1e6 * vibration.amplitude[0]:15.4f}{100 * apart:+11.4f}"
-            f"{1e6 * vibration.offset[0]:12.4f}{1e6 * other.offset:13.2f}"
-            f"{'' if holds else judgement}",
-            flush=True,
+        judgement = "UNSETTLED" if other.changing > SETTLED else "WRONG"
+        row(
+            *(pair.steps, f"{pair.share:.3g}", f"{pair.frequency:.0f}", f"{pair.ratio:.2g}"),
+            *(f"{pair.friction:.2f}", f"{1e3 * pair.arm:.0f}", f"{pair.angle:.1f}"),
+            *(vibration.periods, other.periods, f"{1e6 * vibration.amplitude[0]:.4f}"),
+            *(f"{100 * apart:+.4f}", f"{1e6 * vibration.offset[0]:.4f}"),
+            *(f"{1e6 * other.offset:.2f}", "" if holds else judgement),
         )
     print(f"{good} of {options.count} amplitudes are those of marching within {100 * allowed:g} %, "
           f"the largest difference is {100 * largest:.2g} %.")  # fmt: skip

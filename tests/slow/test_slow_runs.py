@@ -438,3 +438,15 @@ def test_plans_without_inertia_start_from_rest_and_are_not_resumed(tmp_path):
         integrate_plan(system, plan, checkpoint=sj.Checkpoint(tmp_path / "c.npz", 10))
     with pytest.raises(sj.InputError, match="has no vibration"):
         replace(plan, until="steady")
+
+
+@pytest.mark.parametrize("springs", [False, True])
+@pytest.mark.parametrize("model", ["full", "condensed"])
+def test_a_body_that_friction_holds_goes_round_closed_loops(model, springs):
+    system = free_bar(sj.Harmonic(0.9 * FREE_LIMIT, 1.0))
+    system = smaller(sprung(system) if springs else system, model)
+    run = sj.quasi_static(system, cycles=2, steps_per_cycle=64)
+    near = 1e-5 if springs else 1e-6
+    assert run.energy_residual < 0.01 * near
+    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=near)
+    assert run.loops.opening < near

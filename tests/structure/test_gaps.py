@@ -459,3 +459,28 @@ def test_damaged_scans_and_fields_are_read_or_refused_with_their_names(tmp_path,
         if not isinstance(found, str):
             assert np.isfinite(found.values).all()
             assert np.isfinite(found.places).all()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_parabola_of_gaps_over_a_flat_face_gives_the_pressure_of_hertz(order):
+    """Half width and peak of a cylinder on a rigid flat within 1 %, by 16 elements over it."""
+    a, radius, n = 1e-3, 2.0, 16
+    size, even = 40.0 * a, 1.5 * a
+    peak = MODULUS * a / (2.0 * radius)
+    # Even elements in the contact, ever longer ones to forty times its half width.
+    x = np.concatenate(
+        [np.arange(1.5 * n) * a / n, np.geomspace(even, size, int(4.0 * np.log(size / even)) + 3)]
+    )
+    y = np.concatenate([[0.0], np.cumsum(np.geomspace(a / n, 0.15 * size, 16))])
+    y *= size / y[-1]
+    place, p, pressed = pressed_down(
+        x, y, lambda x: x[:, 0] ** 2 / (2.0 * radius), 0.25 * np.pi * peak * a, order
+    )
+    inside = p > 0.3 * p.max()
+    slope, top = np.polyfit(place[inside] ** 2, p[inside] ** 2, 1)
+    assert np.sqrt(-top / slope) == pytest.approx(a, rel=0.01)
+    assert np.sqrt(top) == pytest.approx(peak, rel=0.01)
+    assert p.max() == pytest.approx(peak, rel=0.01)
+    assert place[p > 0.0].max() == pytest.approx(a, abs=1.01 * a / n)
+    assert p.sum() > 0.0
+    assert pressed.spaces[0].resolution.lost < 0.01

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed
+from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loop_energy
 from opening_blocks import block, loads
 
 import skfem_joint as sj
@@ -20,6 +20,18 @@ def wedge(stiffness: float) -> sj.System:
     load = {"along": (0, sj.Harmonic(HOLDS * X, 1.0))}
     matrices = MASS * np.eye(1), HOLDS * np.eye(1), 1e-3 * MASS * np.eye(1)
     return sj.System.from_matrices(*matrices, contact=foot, loads=load)
+
+
+@pytest.mark.parametrize("solve", [sj.quasi_static, sj.integrate])
+def test_a_normal_force_that_grows_with_the_slip_has_the_loop_of_its_closed_form(solve):
+    """The contact is stiff against approach, so that the load has to move it by more."""
+    varies, errors = 150.0, []
+    for steps in (50, 100, 200):
+        run = solve(wedge(varies / X), cycles=2, steps_per_cycle=steps)
+        errors.append(abs(run.cycles.friction[-1] / loop_energy(varies) - 1.0))
+        assert run.energy_residual < 1e-8  # of 5 kJ in what prescribes the slip
+    assert errors[2] < 2e-3
+    assert 8.0 * errors[2] < errors[0]
 
 
 @pytest.mark.parametrize("model", [lambda s: s, sj.condense, lambda s: sj.reduce(s, modes=1)])

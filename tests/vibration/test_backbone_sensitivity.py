@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from bodies import LAP, MU, WIDTH, lap, pressed, structure
+from bodies import DENSITY, EA, LAP, MU, THICKNESS, WIDTH, lap, pressed, structure
 from clamped_plates import STIFF, bar, bolted, lapped
 from scipy import sparse
 from stepping_systems import arm
@@ -347,3 +347,25 @@ def test_sliders_that_share_a_slip_add_up():
     for values in (rates.frequency, rates.damping_ratio):
         assert np.abs(values).max() > 0.0
         np.testing.assert_allclose(values[:, 0], -values[:, 1], rtol=1e-6, atol=1e-9)
+
+
+def test_derivatives_by_friction_converge_to_the_closed_form():
+    """omega ~ (1 + eps)^(-1/2), zeta = 2 / (3 pi) eps / (1 + eps), eps ~ level / friction.
+
+    With the front anywhere in an element they are off by the share of an element in what slips.
+    """
+    momentum = (2.0 / np.pi) * np.sqrt(2.0 * DENSITY * WIDTH * THICKNESS * FREE)
+    errors = []
+    for elements in (50, 200, 800):
+        system = quarter_wave(elements)
+        found, rates = with_rates(system, [by_friction(system)], levels=24)
+        square = (2.0 * np.pi * found.stuck_frequency) ** 2
+        eps = square * momentum**3 * found.level / (2.0 * EA * TAU)
+        seen = found.level > 0.2 * found.slips_at
+        of_frequency = rates.frequency[:, 0] / found.frequency / (0.5 * eps / (1.0 + eps))
+        known = -2.0 / (3.0 * np.pi) * eps / (1.0 + eps) ** 2
+        of_damping = rates.friction_damping[:, 0] / known
+        errors.append(np.abs([of_frequency - 1.0, of_damping - 1.0])[:, seen].max(axis=1))
+    assert (errors[0] < [0.1, 0.3]).all()
+    assert (errors[1] < 0.5 * errors[0]).all()
+    assert (errors[2] < 0.5 * errors[1]).all()
