@@ -131,11 +131,12 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
     for model in backbone.models:
         for curve in model.curves:
             f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
+            ends = dict.fromkeys((state[0], state[-1]))
+            seen = "no" if [*ends] == ["stick"] else " to ".join(ends)
             lines.append(
                 f"{model.name} model, mode {curve.mode}: {f[0]:.6g} to {f[-1]:.6g} Hz (stuck "
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
-                f"{' to '.join(dict.fromkeys((state[0], state[-1])))} slip."
-                f"{_opened(curve)}{_doubtful(curve)}"
+                f"{seen} slip.{_opened(curve)}{_doubtful(curve)}"
             )
         if model.name != "full" and model.errors[0]:
             worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}

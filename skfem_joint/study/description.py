@@ -313,25 +313,28 @@ def _mesh(structure: AnyStructure, draft: Description) -> None:
     both = {error.joints: error for error in found if error and error.frequencies.size}
     if not both:
         return
-    largest = 100.0 * max(error.largest for error in both.values())
-    draft.values["mesh"] = {"frequency_error_percent": largest}
-    parts = []
+    known = [error for error in both.values() if error.is_known]
+    largest = 100.0 * max((error.largest for error in known), default=np.nan)
+    draft.values["mesh"] = {"frequency_error_percent": largest if known else None}
+    parts = (
+        [f"The mesh makes the first frequencies up to {largest:.2g} % too high"] if known else []
+    )
     for joints, error in both.items():
         draft.values["mesh"][joints] = {
             "frequency_error_percent": (100.0 * error.shares).tolist(),
             "frequencies_Hz": error.frequencies.tolist(),
             "frequencies_of_second_order_Hz": error.better.tolist(),
         }
-        count = error.frequencies.size
-        parts.append(
-            f"with the joints {joints} they are {_listed(error.frequencies, count)} and "
-            f"{_listed(error.better, count)} with middles of edges added, straight in joints and "
-            "supports"
-        )
-    what = f"The mesh makes the first frequencies up to {largest:.2g} % too high"
-    if unknown := [joints for joints, error in both.items() if not error.is_known]:
-        what += f", as far as is known: not of those with the joints {' and '.join(unknown)}"
-    draft.facts.append(f"{what}; {'; '.join(parts)}.")
+        if error.is_known:
+            count = error.frequencies.size
+            parts.append(
+                f"with the joints {joints} they are {_listed(error.frequencies, count)} and "
+                f"{_listed(error.better, count)} with middles of edges added, straight in joints "
+                "and supports"
+            )
+        elif known:
+            parts.append(f"by how much those with the joints {joints} are is not known")
+    draft.facts.append(f"{'; '.join(parts)}.")
 
 
 def _normal(

@@ -641,9 +641,9 @@ def _notes_of_levels(asked: _Levels, state: Sequence[str], slipping: BoolArray) 
             else "an up_to above it; above 1 a joint slips as a whole"
         )
         yield (
-            f"nothing slips up to the highest level, {asked.text(asked.shares[-1])}, so that the "
-            "curve has no damping by friction. A joint of a single slider, or of few, slips as a "
-            f"whole or not at all: ask for {how}."
+            f"nothing slips up to the highest level, {asked.text(asked.shares[-1])}, so that "
+            "friction damps the mode hardly or not at all. A joint of a single slider, or of few, "
+            f"slips as a whole or not at all: ask for {how}."
         )
     count = slipping.sum(axis=1)
     count = count[count > 0]
