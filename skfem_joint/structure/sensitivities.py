@@ -48,6 +48,9 @@ def sensitivities(
 ) -> list[SystemSensitivity]:
     """Exact derivatives of a structure's system by the values of some keys.
 
+    `backbone_sensitivity` makes derivatives of a curve of them; runs and responses have none: take
+    differences.
+
     Parameters
     ----------
     structure : Structure
