@@ -173,13 +173,13 @@ def _lumped(rng):
 def _plates(rng, folder):
     """Plate in plan, pressed on a rigid base over a part of its length; held at one end or not."""
     parts, width = rng.uniform(0.08, 0.2, 2).round(3), _between(rng, 0.03, 0.06)
-    counts = rng.integers(10, 19, 2)
+    counts = rng.integers(5, 10, 2)
     strips = [
         ("joint", float(parts[0]), int(counts[0])),
         ("plain", float(parts[1]), int(counts[1])),
     ]
     kind = str(rng.choice(["quadrilateral", "triangle"]))
-    mesh = sj.build_plate(strips, width, int(rng.integers(3, 6)), kind=kind)
+    mesh = sj.build_plate(strips, width, int(rng.integers(2, 4)), kind=kind)
     joint = _pressed(rng, "joint", _pressure(rng, 0.0, parts[0]), **_law(rng))
     fixed = ["left"] if rng.random() < 0.6 else []
     tables = structure_tables([joint], fixed, 0.01)
@@ -442,7 +442,7 @@ def _plates_bolted(rng, folder):
     """Plates of random shape with random bolts under Coulomb's law: L, T, lap and flange."""
     kind = str(rng.choice(["L", "T", "lap", "flange"]))
     wide, thick = _between(rng, 0.035, 0.055), _between(rng, 0.004, 0.01)
-    size, force = _between(rng, 0.006, 0.0075), float(rng.uniform(4e3, 2e4))
+    size, force = _between(rng, 0.009, 0.0115), float(rng.uniform(4e3, 2e4))
     mu, radius = _between(rng, 0.15, 0.6), _between(rng, 0.008, 0.011)
     lap, beyond = _between(rng, 0.05, 0.09), _between(rng, 0.04, 0.1)
     foot, fixed = _between(rng, 0.06, 0.12), []

@@ -48,8 +48,8 @@ HELD = 1e-3
 #: Ways in a period with which a walk is looked for, over what the soft springs' acceleration times
 #: the square of the period is: where points stick without a way there is no slope to follow.
 WAYS = 0.0, 0.01
-#: Springs of rigid sticking are this much softer where their error is judged.
-SOFTER = 10.0
+#: Springs of rigid sticking are this much stiffer where their error is judged.
+STIFFER = 10.0
 #: Least norm by the mass of a linear motion, whose square is a number, and largest force of its
 #: inertia over the friction limits, with which friction has digits beside springs of sticking.
 LOW, HIGH = 1e-100, 1e6
@@ -96,8 +96,8 @@ class Search:
         With springs of sticking and Coulomb's law.
     forced : list of Forced
         With more and more harmonics.
-    softer : list of Forced
-        The same with softer springs of sticking.
+    stiffer : list of Forced
+        The same with stiffer springs of sticking.
     frequencies : ndarray, shape (k,)
         Asked for, Hz.
     tally : Tally
@@ -112,7 +112,7 @@ class Search:
 
     system: System
     forced: list[Forced]
-    softer: list[Forced]
+    stiffer: list[Forced]
     frequencies: FloatArray
     tally: Tally
     rigid: bool
@@ -144,7 +144,7 @@ class Search:
         grid = 2.0 * np.pi * float(np.ptp(frequencies)) / (frequencies.size - 1)
         fewest = [
             Forced.of(Balance.of(system, rungs[0], reference, factor), system, grid)
-            for factor in (sticking, sticking / SOFTER)
+            for factor in (sticking, sticking * STIFFER)
         ]
         most = LARGEST * max(1.0, harmonics / HARMONICS)
         used = [
@@ -152,14 +152,14 @@ class Search:
             for x, (highest, _) in zip(rungs, LADDER, strict=True)
             if highest <= harmonics and x.size * system.n <= most
         ]
-        forced, softer = ([first.refined(series) for series in used] for first in fewest)
+        forced, stiffer = ([first.refined(series) for series in used] for first in fewest)
         rest = np.zeros((rungs[0].size, system.n))
         raised = Raised(forced[0], 2.0 * np.pi * float(frequencies[0]))
         at_rest = solved(raised, np.zeros(rest.size + 1), by_parameter(rest.size + 1))
         linear = at_rest.ahead[0][:-1].reshape(rest.shape)
         coulomb = fewest[0].balance.system.with_beta(np.inf)
         rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
-        return cls(coulomb, forced, softer, frequencies, tally, rigid, linear, rest)
+        return cls(coulomb, forced, stiffer, frequencies, tally, rigid, linear, rest)
 
     @property
     def targets(self) -> FloatArray:
@@ -293,20 +293,20 @@ class Search:
     def sticking(self, found: Settled, level: float) -> tuple[float, float]:
         """Relative distances of amplitude and friction energy from rigid sticking.
 
-        By softer springs: distances fall with the root of the stiffness, as marches with springs
+        By stiffer springs: distances fall with the root of the stiffness, as marches with springs
         up to 1e9 N/m show. nan where these have no solution.
         """
-        stiff = found.forced.balance
-        soft = self.softer[found.rung].at(level).walking(stiff.walks)
+        soft = found.forced.balance
+        stiff = self.stiffer[found.rung].at(level).walking(soft.walks)
         try:
             place = corrected(
-                soft, found.place.mapped(lambda q: soft.balance.inner(stiff.outer(q)))
+                stiff, found.place.mapped(lambda q: stiff.balance.inner(soft.outer(q)))
             )
         except ConvergenceError:
             return np.nan, np.nan
-        amplitude, energy = _apart(found.point, _point(soft, place), 0.0)
-        by = np.sqrt(SOFTER) - 1.0
-        return amplitude / by, energy / by
+        amplitude, energy = _apart(_point(stiff, place), found.point, 0.0)
+        left = 1.0 - np.sqrt(1.0 / STIFFER)
+        return amplitude / left, energy / left
 
 
 def _apart(new: SteadyPoint, old: SteadyPoint, most: float) -> tuple[float, float]:
