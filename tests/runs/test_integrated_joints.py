@@ -13,6 +13,7 @@ import skfem_joint as sj
 
 MESHES = Path(__file__).parents[2] / "meshes"
 REFERENCE = LapJoint()
+SCHEMES = [sj.generalized_alpha(rho) for rho in (0.0, 0.5, 0.8, 1.0)]
 
 
 def test_structure_of_figure_18_has_the_friction_energy_of_section_7_3():
@@ -43,6 +44,21 @@ def test_arctan_tends_to_coulomb_as_beta_grows():
     # The distance of the laws themselves falls with the root of 1 / beta.
     assert order_of(errors, 1.0 / betas) > 0.5
     assert errors[-1] < 1e-6
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_energy_balance_closes_from_a_moving_start(scheme):
+    system = LapJoint(elements=12).system
+    rng = np.random.default_rng(0)
+    start = (1e-5 * rng.normal(size=12), rng.normal(size=12))
+    for model in (
+        system,
+        system.project(np.eye(12)),
+        system.with_contact(given=0 * system.contact.w),
+    ):
+        run = run_of(model, 100, scheme=scheme, initial=start)
+        assert run.energy_residual < 1e-10
+        assert run.stored_energy[0] == pytest.approx(system.stored_energy(*start), rel=1e-12)
 
 
 def test_pushing_is_pulling_with_the_sign_changed():

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import skfem
-from mixed_meshes import mixed_box, mixed_plate
 
 import skfem_joint as sj
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named
@@ -32,6 +31,8 @@ def block(shape: str, order: int = 1, n: int = 3, size: tuple[float, ...] = (1, 
     ``joint`` is the half towards x = 0, ``rest`` the other one, ``corner`` the far corner.
     """
     if shape.startswith("mixed"):  # of a size of its own
+        from mixed_meshes import mixed_box, mixed_plate  # of another folder of tests
+
         solid = shape == "mixed box"
         body, low, high = (mixed_box, "front", "back") if solid else (mixed_plate, "bottom", "top")
         body = body(1, order)
