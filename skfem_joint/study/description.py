@@ -316,9 +316,9 @@ def _mesh(structure: AnyStructure, draft: Description) -> None:
     known = [error for error in both.values() if error.is_known]
     largest = 100.0 * max((error.largest for error in known), default=np.nan)
     draft.values["mesh"] = {"frequency_error_percent": largest if known else None}
-    parts = (
-        [f"The mesh makes the first frequencies up to {largest:.2g} % too high"] if known else []
-    )
+    parts = ["How much too high the mesh makes the first frequencies is not known"]
+    if known:
+        parts = [f"The mesh makes the first frequencies up to {largest:.2g} % too high"]
     for joints, error in both.items():
         draft.values["mesh"][joints] = {
             "frequency_error_percent": (100.0 * error.shares).tolist(),

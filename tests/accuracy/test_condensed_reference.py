@@ -126,3 +126,10 @@ def test_runs_whose_errors_cannot_be_estimated_are_refused(run, tmp_path):
     ):
         with pytest.raises(sj.InputError, match=words):
             sj.estimate(wrong)
+
+
+def test_the_condensed_model_errs_by_less_than_a_thousandth(plate, run):
+    reference = CondensedReference.of(plate)
+    own = results(reference.run(run.plan, verification_run))
+    apart = difference(results(verification_run(plate, run.plan)), own)
+    assert max(apart.values()) < 1e-3

@@ -1,5 +1,7 @@
 """Meshes and Gmsh files for the tests of meshes."""
 
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -166,3 +168,14 @@ def assert_same(mesh: sj.NamedMesh, other: sj.NamedMesh, sorted_alike: bool = Fa
         )
     for name, facets in mesh.boundaries.items():  # facets are numbered by their vertices
         np.testing.assert_array_equal(facets, other.boundaries[name])
+
+
+def read_in_a_process_of_its_own(file: Path) -> str:
+    """Kind, order and volumes of a mesh that a process reads as its first one."""
+    program = (
+        "import sys, skfem_joint as sj; m = sj.load_meshes(sys.argv[1]); "
+        "print(m.kind, m.order, {k: m.n_elements for k in m.regions}, *m.notes)"
+    )
+    command = [sys.executable, "-c", program, str(file)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    return ran.stdout + ran.stderr

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from inp_files import TYPES, deck_of, mesh_of
-from mesh_files import PRISM_15, boundary_sizes, region_sizes, saved
+from mesh_files import PRISM_15, boundary_sizes, read_in_a_process_of_its_own, region_sizes, saved
 
 import skfem_joint as sj
 
@@ -215,3 +215,10 @@ def test_code_in_the_current_folder_is_not_run(tmp_path):
     (tmp_path / "numpy.py").write_text("raise SystemExit(1)\n")
     with contextlib.chdir(tmp_path):
         assert sj.load_meshes(path).n_elements == 2
+
+
+def test_prisms_of_second_order_are_the_first_thing_that_a_process_reads(tmp_path):
+    mesh = meshlane.Mesh(PRISM_15, [("wedge15", np.arange(15)[None])], cell_sets={"all": [[0]]})
+    meshlane.write(tmp_path / "mesh.med", mesh)
+    found = read_in_a_process_of_its_own(tmp_path / "mesh.med")
+    assert found.strip() == "prism 2 {'all': 1}"

@@ -5,7 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from inp_files import deck_of, mesh_of
-from mesh_files import NASTRAN_15, PRISM_15, boundary_sizes, region_sizes, saved
+from mesh_files import (
+    NASTRAN_15,
+    PRISM_15,
+    boundary_sizes,
+    read_in_a_process_of_its_own,
+    region_sizes,
+    saved,
+)
 
 import skfem_joint as sj
 
@@ -164,3 +171,14 @@ def test_a_file_that_is_cut_or_empty_is_refused(tmp_path):
     assert sj.load_meshes(saved(tmp_path, text + "ENDDATA\n", "mesh.NAS")).n_elements == 2
     with pytest.raises(sj.InputError, match="it holds no elements"):
         read(tmp_path, GRID)
+
+
+def test_prisms_of_second_order_are_the_first_thing_that_a_process_reads(tmp_path):
+    """The library of mesh files lacks their dimension."""
+    places = PRISM_15[NASTRAN_15]
+    lines = [f"GRID,{k},,{x},{y},{z}" for k, (x, y, z) in enumerate(places.tolist(), 1)]
+    cells = ["1", "3", *map(str, range(1, 16))]
+    rows = [",".join(cells[at : at + 8]) for at in range(0, len(cells), 8)]
+    lines += [f"CPENTA,{rows[0]}", *(f"+,{row}" for row in rows[1:])]
+    file = saved(tmp_path, "\n".join(["BEGIN BULK", *lines, "ENDDATA", ""]), "mesh.bdf")
+    assert read_in_a_process_of_its_own(file).strip() == "prism 2 {'PSOLID_3': 1}"

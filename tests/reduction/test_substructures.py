@@ -13,6 +13,7 @@ from test_condensed import system_of
 
 import skfem_joint as sj
 from skfem_joint.reduction import substructures
+from skfem_joint.slow.quasi_static import QuasiStatic
 
 PARTS = sj.Parts(3)
 
@@ -99,6 +100,22 @@ def test_displacements_are_recovered_everywhere():
     same(wide.T @ np.eye(5), whole.T[:, :5])
     wider = small.widened(wide, np.eye(small.n)[:, :5], np.eye(small.n)[:, 5:7])
     same(wider.T @ np.eye(7), whole.T[:, :7])
+
+
+def test_curve_and_slow_cycle_are_those_of_the_whole():
+    """Coulomb friction at rest is exact in any condensed model: a curve is that of the full one."""
+    system = loaded()
+    whole, small = (sj.condense(system, 12, parts=parts) for parts in (None, PARTS))
+    (full,), (curve,) = (sj.backbone(m, (1,), 4) for m in (system, small))
+    np.testing.assert_allclose(curve.stuck_frequency, full.stuck_frequency, rtol=1e-8)
+    np.testing.assert_allclose(curve.frequency, full.frequency, rtol=1e-8)
+    np.testing.assert_allclose(curve.friction_damping, full.friction_damping, rtol=1e-6)
+    forces = np.array([0.5, 1.0, -0.3])
+    paths = [
+        m.P @ QuasiStatic(m, 1e-12).follow(forces[:, None] * m.load_vectors()[:, 0] * 300.0).T
+        for m in (small, whole)
+    ]
+    same(*paths)
 
 
 def test_modes_of_the_parts_are_a_start_that_few_solutions_end(monkeypatch):

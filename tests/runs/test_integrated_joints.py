@@ -104,16 +104,16 @@ def test_coulomb_in_a_reduced_system_is_refused_with_advice():
     assert run_of(system.with_beta(1e3), 1).counters.steps == 1
 
 
-@pytest.mark.parametrize("held", [[], ["left"]])
+@pytest.mark.parametrize(("held", "less"), [([], 0.95), (["left"], 0.9)])
 @pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
-def test_every_model_says_that_a_joint_slips_as_a_whole_above_its_friction_limit(model, held):
+def test_every_model_says_that_a_joint_slips_as_a_whole_above_its_friction_limit(model, held, less):
     """A slow force on a plate that is pressed on a base, held by friction alone or at an end."""
     sides = {"left": "left", "tip": "right"}
     mesh = sj.build_plate([("foot", 0.1, 8), ("arm", 0.08, 6)], 0.04, 3, boundaries=sides)
     joint = sj.Joint("foot", pressure=8e6, friction=0.4)
     steel = sj.Material(E=210e9, density=7800.0, poisson=0.3)
     structure = sj.Structure(mesh, steel, thickness=0.01, fixed=held, joints=[joint])
-    for share, gross in ((0.9, False), (1.05, True)):
+    for share, gross in ((less, False), (1.05, True)):
         force = sj.Harmonic(share * 0.4 * 8e6 * 0.1 * 0.04, 50.0)
         full = structure.system(loads=[sj.Load("tip", force, direction=(1.0, 0.0))])
         small = {"full": lambda s: s, "condensed": sj.condense, "reduced": sj.reduce}[model](full)
