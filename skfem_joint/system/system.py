@@ -220,7 +220,13 @@ class System:
         InputError
             If the system is such a model; it states the loads, and what to give instead.
         """
-        if self.made_for and what not in getattr(self.origin, "analyses", ()):
+        if self.made_for and self.origin is None:
+            raise InputError(
+                f"{what}: found a reduced model that does not know what it was made of, as one of "
+                f"a file (made for {self.made_for}); make it again by sj.reduce, or one for a "
+                "range, which files keep whole"
+            )
+        if self.made_for and what not in self.origin.analyses:
             raise InputError(
                 f"{what}: found a reduced model made for {self.made_for}, must be a system that "
                 "serves other frequencies and levels too; give the full system, one by "

@@ -40,8 +40,9 @@ def save(system: System, path: str | Path) -> Path:
 
     Contact that opens is kept with the system. A model for a range keeps what it needs to serve it
     and to state its errors. A reduced or condensed system keeps its ``T``, which expands its runs
-    to the structure, and the ``shares`` of its contact points. The system that `load` returns
-    integrates to the same bits.
+    to the structure, and the ``shares`` of its contact points. A reduced one does not keep what it
+    was made of: it runs, and serves no response, damping curve or ring-down. The system that `load`
+    returns integrates to the same bits.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ def test_reduce_refuses_what_its_modes_do_not_depend_on():
             sj.reduce(system, 4, **idle)
 
 
-def test_a_model_serves_no_level_above_those_it_was_made_for():
+def test_a_model_serves_no_level_above_those_it_was_made_for(tmp_path):
     """With the default levels a model of a curve has those of the curve."""
     system = bar_scene().system()
     (curve,) = sj.backbone(system, levels=3, up_to=0.5)
@@ -133,6 +133,9 @@ def test_a_model_serves_no_level_above_those_it_was_made_for():
     small = sj.reduce(system, 4, frequency=500.0, level=0.5)
     with pytest.raises(sj.InputError, match=r"found level 0\.6, must be at most 0\.5"):
         sj.response(small, [400.0, 500.0], [0.1, 0.6])
+    loaded = sj.load(sj.save(small, tmp_path / "small.npz"))
+    with pytest.raises(sj.InputError, match=r"as one of a file .* make it again by sj\.reduce"):
+        sj.response(loaded, [400.0, 500.0], [0.1])
 
 
 def test_a_reference_that_only_runs_have_is_said_elsewhere():
