@@ -184,6 +184,14 @@ def test_a_damping_curve_says_how_its_highest_level_changes_the_normal_force(tmp
     assert scene_backbone(bar_scene(backbone={"levels": 3})).normal == {}
 
 
+def test_a_curve_on_which_nothing_slips_is_not_said_to_slip():
+    points = {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}
+    slider = sj.build_bar([("joint", 0.1, 1), ("linear", 0.5, 5)], points)
+    held = bar_scene("full", backbone={"levels": 3, "up_to": 0.9}).changed(mesh=slider)
+    said = "\n".join(backbone_lines(scene_backbone(held)))
+    assert " %, no slip." in said
+
+
 def test_a_scene_says_the_error_by_the_mesh_that_its_structure_has():
     scene = plate_scene(
         "full", mesh=sj.build_plate([("joint", 0.05, 5), ("rest", 0.2, 8)], 0.01, 1)
@@ -196,6 +204,15 @@ def test_a_scene_says_the_error_by_the_mesh_that_its_structure_has():
     (fact,) = [fact for fact in found.facts if fact.startswith("The mesh makes")]
     assert f"up to {largest:.2g} % too high" in fact
     assert any("The mesh is too stiff" in note for note in scene.system().notes)
+
+
+def test_no_better_frequencies_are_named_where_elements_bend_better_than_those_compared():
+    """Incompatible modes bend better than functions of second order in long elements, that lock."""
+    mesh = sj.build_plate([("joint", 0.1, 2), ("rest", 1.0, 3)], 0.002, 1, order=1)
+    found = description_of(plate_scene("full", mesh=mesh))
+    (fact,) = [fact for fact in found.facts if "the mesh makes" in fact]
+    assert fact == "How much too high the mesh makes the first frequencies is not known."
+    assert found.values["mesh"]["frequency_error_percent"] is None
 
 
 @pytest.mark.parametrize(
