@@ -62,3 +62,21 @@ def test_block_is_that_of_an_own_solver(table, n, friction, steps):
     share = 3e-9 if n > 16 else 1e-9
     np.testing.assert_allclose(u, other, atol=share * np.abs(other).max())
     np.testing.assert_allclose(work, other_work, rtol=1e-7)
+
+
+@pytest.mark.slow
+def test_elements_of_second_order_converge_to_the_same():
+    # With pressures at the corners alone the displacement converges with the element size, and
+    # corners and middles of sides differ: corners of all three meshes are compared.
+    places = np.array([0.0, 5.0, 10.0, 20.0]) * 1e-3
+    table, found = PRESSURES[:, :2], []
+    for n in (8, 16, 32):
+        x, u, _, _ = pushed(block(n, order=2), 20, table)
+        found.append(np.interp(places, x, u[-1, :, 0]))
+    fine = OwnBlock(64, 1.0).follow(20, table)[0][-1, :, 0]
+    fine = np.interp(places, np.linspace(0.0, 0.04, 65), fine)
+    errors = [np.abs(u / fine - 1.0) for u in found]
+    assert errors[0].max() < 0.05
+    assert errors[1].max() < 0.6 * errors[0].max()
+    assert errors[2].max() < 0.6 * errors[1].max()
+    np.testing.assert_allclose(2.0 * found[2] - found[1], fine, rtol=3e-3)

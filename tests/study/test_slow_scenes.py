@@ -15,6 +15,7 @@ from skfem_joint import cli
 from skfem_joint.accuracy.estimate import QUANTITIES
 from skfem_joint.output import plots, report
 from skfem_joint.output.folder import curves
+from skfem_joint.scene.shipped import write_shipped
 from skfem_joint.study.summary import model_summary
 
 SLOW = {"cycles": 2, "steps_per_cycle": 40, "quasi_static": True}
@@ -199,3 +200,22 @@ def test_a_scene_changes_to_quasi_static_and_back():
     assert not slow.system().C.nnz or not np.any(slow.system().C.data)
     again = slow.changed(time={"quasi_static": False})
     assert np.isfinite(again.system().contact.beta).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["plate_bolts", "two_plates", "solid_lap_joint"])
+def test_shipped_meshes_balance_their_works(name, tmp_path):
+    """In two and three dimensions, bodies held by friction alone among them."""
+    path = write_shipped(name, tmp_path)[0]
+    time = {"cycles": 2, "steps_per_cycle": 16, "quasi_static": True}
+    scene = sj.load_scene(path).changed(
+        time=time, models={"run": ("full",)}, accuracy={"estimate": False},
+        output={"plots": False, "vtk": False},
+    )  # fmt: skip
+    study = sj.run_scene(scene)
+    run = study.finished().runs["full"]
+    assert run.energy_residual < 1e-8
+    gap, work = run.loops.opening, run.cycles.input[-1].sum()
+    assert work == pytest.approx(run.cycles.by_joint[-1].sum(), rel=2.0 * gap + 1e-8)
+    peak = np.abs(run.amplitudes[:, 0]).max()
+    assert np.abs(run.loops.force).max() <= peak * (1.0 + 1e-6)
