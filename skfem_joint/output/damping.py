@@ -127,7 +127,6 @@ def _of_curve(
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
     """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
     lines, scene = [*backbone.shapes], backbone.scene
-    places, given = places_of(scene.structure(), scene.system()), damping_given(scene)
     for model in backbone.models:
         for curve in model.curves:
             f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
@@ -146,6 +145,7 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
             )
     for model in backbone.models:
         for curve, at in zip(model.curves, model.at, strict=False):
+            places, given = places_of(scene.structure(), scene.system()), damping_given(scene)
             normal = backbone.normal.get(curve.mode)
             lines += loss.level_lines(model.name, curve, at, places)
             lines += loss.amplitude_lines(model.name, at, places, normal, given)
