@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.output.plots import new_panels, prefixed_unit
+from skfem_joint.output.plots import new_panels, plain_ticks, prefixed_unit
 from skfem_joint.study.backbone_peaks import BackbonePeak, backbone_errors
 from skfem_joint.study.scene_response import SceneResponse
 from skfem_joint.vibration.response_curve import Curve
@@ -95,6 +95,7 @@ def peaks_figure(response: SceneResponse, peaks: Sequence[BackbonePeak]) -> Figu
             )  # fmt: skip
     panel.set(xlabel="frequency, Hz", ylabel=f"amplitude, {unit}")
     panel.set_xlim(low, high)
+    plain_ticks(panel.yaxis)
     panel.set_title(response.scene.system().points[most], loc="left")
     panel.legend(fontsize="small")
     return figure

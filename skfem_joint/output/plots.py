@@ -92,11 +92,14 @@ def prefixed_unit(unit: str, arrays: Iterable[FloatArray]) -> tuple[str, float]:
 
 
 def plain_ticks(axis: Any) -> None:
-    """Label 1, 2 and 5 of each decade of a logarithmic axis, or 1 alone of many, in numbers."""
+    """Label 1, 2 and 5 of each decade of a logarithmic axis in numbers; fewer of many decades."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
     low, high = sorted(axis.get_view_interval())
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high <= 1e3 * low else (1.0,)))
+    subs: Sequence[float] = (1.0, 2.0, 5.0) if high <= 1e3 * low else (1.0,)
+    if high <= 10.0 * low:
+        subs = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)
+    axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_locator(NullLocator())
 
