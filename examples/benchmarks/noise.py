@@ -25,6 +25,7 @@ from benchmarks import EXAMPLES, head, row
 import numpy as np
 
 import skfem_joint as sj
+from benchmarks.structures import tip_bar
 
 #: Blocks of the time marched, and the part before them that is left out.
 BLOCKS, LEFT_OUT = 16, 0.02
@@ -65,19 +66,6 @@ class Noise(sj.Amplitude):
     def peak_value(self):
         """Largest force, N."""
         return float(np.abs(self.forces).max())
-
-
-def bar():
-    """The paper's bar under Coulomb's law with a tip mass and a damping ratio of 0.2 %."""
-    strips = [("joint", 0.1, 40), ("linear", 0.48, 40), ("tip", 0.02, 2)]
-    scene = sj.load_scene(EXAMPLES / "structure_harmonic.toml").changed(
-        mesh=sj.build_bar(strips, {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}),
-        material={"regions": {"tip": {"density": 320e3}}},
-        joint={"law": "coulomb"},
-        damping={"ratio": 0.002},
-        models={"run": ["full"]},
-    )
-    return scene.system()
 
 
 def marched(system, noise, step, duration):
@@ -179,7 +167,7 @@ def main(arguments):
     if "plate" in arguments:
         plate(quick)
         return
-    system, costs = bar(), []
+    system, costs = tip_bar(40, 40, 2), []
     heading()
     for title, (modes, band, per_period, duration, densities) in CASES.items():
         duration = 2.0 if quick else duration
